@@ -130,6 +130,13 @@ def test_a_finished_comparison_is_repeated_without_a_simulator(whole, copied):
         assert (copied / OUT / name).read_bytes() == (whole / OUT / name).read_bytes()
 
 
+def test_a_study_may_begin_with_a_seed_that_an_earlier_one_did_not_have(copied):
+    done = run_in(copied, "127.0.0.1:1", "--wait", "0.1", "--first-seed", "1", "--seeds", "1")
+    assert done.status == 0 and "done" not in done.output
+    assert [variant["seeds"] for variant in json.loads((OUT / "compare.json").read_text())["variants"]] == [[1], [1]]
+    assert "--seeds 1 --first-seed 1 --simulator" in page(copied)
+
+
 def test_finished_runs_may_be_deleted_and_the_rest_is_trained(whole, copied, simulator):
     shutil.rmtree(OUT / "runs" / "hybrid-s0")
     finished = run_in(copied, "127.0.0.1:1", "--wait", "0.1")
@@ -418,7 +425,7 @@ def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_r
         (["--change", "policy.epochs=1,2"], "expected KEY=VALUE, or several that are set together"),
         (["--change", "layout=bucket-3"], "--change layout=…: layout is set twice; set it once"),
         (["--change", "seed=1"], "--change seed=…: seed does not vary here; use --seeds"),
-        (["seed=7"], "seed=…: seeds are counted from 0; use --seeds for their number"),
+        (["seed=7"], "seed=…: use --seeds for the number of seeds, and --first-seed for the first of them"),
         (["epocs=7"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
     ],
 )

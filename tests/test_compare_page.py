@@ -67,6 +67,17 @@ def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path
         read()
 
 
+def test_a_lucky_episode_reaches_no_score(tmp_path):
+    path = tmp_path / "run-s0.csv"
+    path.write_text("timesteps,episodes,reward\n100,1,9\n200,4,1\n300,5,2\n400,9,6\n500,1,99\n600,20,5\n700,2,8\n")
+    run = score_run(read_rows(path), path.name, 7, "reward")
+    firsts = [run.first_at(score) for score in (2.3, 2.4, 4.5, 4.6, 15.3, 15.4)]
+    # Means over ten episodes or more: 2.3 after 300, (5 * 2 + 9 * 6) / 14 after 400, (9 * 6 + 99) / 10 after 500.
+    assert [first and first.timesteps for first in firsts] == [300, 400, 400, 500, 500, None]
+    path.write_text("timesteps,reward\n100,9\n200,1\n")  # of who knows how many
+    assert score_run(read_rows(path), path.name, 7, "reward").first_at(9.0).timesteps == 100
+
+
 def test_what_was_measured_at_the_end_is_the_score_and_the_curve_is_that_of_the_training(tmp_path):
     path = tmp_path / "run-s0.csv"
     path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,9\n")

@@ -129,8 +129,8 @@ def _parameters(env: Any, arguments: Mapping[str, Any]) -> list[pb.Parameter]:
         ) from error
     for name in sorted(arguments.keys() & named.keys()):
         raise AdapterError(
-            f"got the argument {name}={arguments[name]}, and {name} is a parameter, which each `reset` sets anew; give it "
-            f"as parameters.{name}={arguments[name]} where the environment is trained, evaluated or played"
+            f"got the argument {name}={arguments[name]}, and {name} is a parameter, which each `reset` sets anew; "
+            f"give it as parameters.{name}={arguments[name]} where the environment is trained, evaluated or played"
         )
     return parameters
 

@@ -66,6 +66,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         parser.error("--episodes and --deterministic are for a test; say what is tested with --test or --over")
     options.episodes = options.episodes or EPISODES
     options.trials, options.seeds = options.trials or TRIALS, options.seeds or SEEDS
+    options.first_seed = options.first_seed or 0
     options.prune_from = PRUNE_FROM if options.prune_from is None else options.prune_from
     return options
 
@@ -135,6 +136,12 @@ def _add_search(group: argparse._ArgumentGroup) -> None:
 def _add_runs(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--seeds", type=at_least(1), metavar="N", help=f"runs of each variant; default {SEEDS}")
     group.add_argument(
+        "--first-seed",
+        type=at_least(0),
+        metavar="N",
+        help="the seeds count from it; default 0. For runs that do not share a seed with those of an earlier study",
+    )
+    group.add_argument(
         "--jobs",
         type=at_least(1),
         help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit",
@@ -190,9 +197,11 @@ def _check_search(parser: argparse.ArgumentParser, options: argparse.Namespace) 
     options.search = [word for word in options.search if word not in fixed]
     options.overrides += fixed
     if options.search:
-        for name in ("layouts", "set", "change", "pairs", "also", "seeds", "score"):
+        for name in ("layouts", "set", "change", "pairs", "also", "seeds", "first_seed", "score"):
             if getattr(options, name) not in ([], None):
-                parser.error(f"--{name} is not for a search; write what varies as --search KEY=VALUE,VALUE")
+                parser.error(
+                    f"--{name.replace('_', '-')} is not for a search; write what varies as --search KEY=VALUE,VALUE"
+                )
     elif options.trials or options.prune_from is not None:
         parser.error("--trials and --prune-from are for a search; say what is searched with --search")
 

@@ -23,6 +23,7 @@ from joybridge.compare.launch import (
     make_job,
     repetition,
     scored_policy,
+    seeds,
     served_specs,
 )
 from joybridge.compare.made_with import changed_sources
@@ -91,7 +92,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     }
     jobs = {
         make_job(variant, spec, seed, options): variant.label
-        for seed in range(options.seeds)
+        for seed in seeds(options)
         for variant, spec in zip(variants, specs, strict=True)
     }
     pairs = pairs_to_test(variants, options.pairs)
@@ -174,7 +175,7 @@ def find_specs(variants: Sequence[Variant], options: argparse.Namespace) -> list
     """
     kept = [kept_spec(variant, options.output) for variant in variants]
     known = [(variant, spec) for variant, spec in zip(variants, kept, strict=True) if spec]
-    jobs = [make_job(*one, seed, options) for one in known for seed in range(options.seeds)]
+    jobs = [make_job(*one, seed, options) for one in known for seed in seeds(options)]
     results = read_table(options.output)
     if len(known) == len(variants) and all(is_deleted(job, results) or job.finished() for job in jobs):
         return [spec for _, spec in known]

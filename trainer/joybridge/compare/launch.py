@@ -135,6 +135,16 @@ def scored_policy(variant: Variant, spec: pb.GameSpec, behavior: str | None) -> 
     return [role.name for role in roles if role.behavior == index][-1] if len(roles) > 1 else ""
 
 
+def seeds(options: argparse.Namespace) -> range:
+    """Return the seeds that each variant is trained with."""
+    return range(options.first_seed, options.first_seed + options.seeds)
+
+
+def seed_words(options: argparse.Namespace) -> list[str]:
+    """Return the options that say which seeds these are."""
+    return ["--seeds", f"{options.seeds}", *(["--first-seed", f"{options.first_seed}"] if options.first_seed else [])]
+
+
 def backend(options: argparse.Namespace) -> tuple[int, Callable[[Job], Process]]:
     """Return how many runs are trained at the same time, and what starts one: here, or on a Ray cluster."""
     if options.backend == "local":
@@ -152,7 +162,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--change", *options.change] if options.change else []
     words += ["--pairs", *options.pairs] if options.pairs else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
-    words += ["--seeds", f"{options.seeds}"] if not options.search else []
+    words += seed_words(options) if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []
     words += ["--test", *options.test] if options.test or (options.test is not None and not options.over) else []
     words += ["--over", f"{options.over.key}={','.join(options.over.values)}"] if options.over else []

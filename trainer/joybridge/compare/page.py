@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from itertools import combinations
 from pathlib import Path
 from statistics import mean
@@ -23,6 +22,7 @@ from joybridge.compare.page_parts import (
     write_files,
 )
 from joybridge.compare.pictures import CAPTIONS, draw_pictures
+from joybridge.compare.scores import LEAST
 
 FEW = 30  # episodes, whose mean says little
 ENOUGH = 10  # runs, with which intervals are about as wide as they claim to be
@@ -89,8 +89,8 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
         blocks += [
             "The probability that a run of the row has a higher score than one of the column, with its 95 % "
             "interval; that of all or none of the runs has none, because a bootstrap only knows the runs that it has. "
-            f"{'**Bold**: the interval does not contain 50 %.' if enough else _nothing_bold(analysis)}",
-            _matrix(analysis, partial(_improvement_cell, bold=enough)),
+            f"{'**Bold**: the p value below is smaller than 0.05.' if enough else _nothing_bold(analysis)}",
+            _matrix(analysis, _improvement_cell),
         ]
         bold = " **Bold**: below 0.05." if enough else ""
         blocks += [
@@ -304,13 +304,13 @@ def _difference_cell(pair: Pair, reverse: bool) -> str:
     return interval_text(Estimate(0 - value, 0 - high, 0 - low) if reverse else pair.difference, pair.runs > 2)
 
 
-def _improvement_cell(pair: Pair, reverse: bool, *, bold: bool) -> str:
+def _improvement_cell(pair: Pair, reverse: bool) -> str:
     value, low, high = pair.improvement
     if reverse:
         value, low, high = 1 - value, 1 - high, 1 - low
     interval = {0.0: "(none)", 1.0: "(all)"}.get(value, f"[{100 * low:.0f}, {100 * high:.0f}]")
     text = f"{100 * value:.0f} % {interval}"
-    return f"**{text}**" if bold and not low <= 0.5 <= high else text
+    return f"**{text}**" if pair.corrected < SIGNIFICANCE else text
 
 
 def _p_cell(pair: Pair, reverse: bool) -> str:
@@ -333,8 +333,9 @@ def _timesteps_to_score(analysis: Analysis) -> str:
     )
     heads = ("variant", "runs that reach it", "never", "median", "shortest to longest of those that do")
     return (
-        f"{chosen}Timesteps until the first row of metrics that reaches this score. The median counts runs that never "
-        "do as infinitely long; the range cannot, and leaves them out.\n\n" + table(heads, rows)
+        f"{chosen}Timesteps until the first row of metrics that reaches this score; one of fewer than {LEAST} episodes "
+        "is taken together with those before it. The median counts runs that never do as infinitely long; the range "
+        "cannot, and leaves them out.\n\n" + table(heads, rows)
     )
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import fsum
 from statistics import mean
 from typing import NamedTuple, TypeVar
 
@@ -13,6 +14,7 @@ from joybridge.config.metrics import HELD_OUT, Row
 EPISODES = f"{HELD_OUT}episodes"
 T = TypeVar("T")
 FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
+LEAST = 10  # episodes, over which a run reaches a score
 
 
 class Point(NamedTuple):
@@ -21,6 +23,7 @@ class Point(NamedTuple):
     timesteps: int
     seconds: float  # of wall-clock time since the run began; not a number in files without them
     value: float
+    episodes: int = 0  # of which it is the mean; 0: not known, or it was measured and each counts
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,16 @@ class Run:
         return self.points[-1].seconds
 
     def first_at(self, score: float) -> Point | None:
-        """Return the first row whose value is at least `score`; None if there is none."""
-        return next((point for point in self.points if point.value >= score), None)
+        """Return the first row whose value is at least `score`; None if there is none.
+
+        The value of a row of fewer than ten episodes is the mean over them and those of the rows before, up to ten: one
+        lucky episode reaches nothing.
+        """
+        for at, point in enumerate(self.points):
+            rows = _together(self.points[: at + 1])
+            if rows and _mean(rows) >= score:
+                return point
+        return None
 
 
 def score_at(run: Run, rung: int, end: int, interval: int) -> float | None:
@@ -61,6 +72,24 @@ def score_at(run: Run, rung: int, end: int, interval: int) -> float | None:
     if not points:
         return None
     return mean(point.value for point in _last(points, len(points) * (end // interval) / (rung // interval)))
+
+
+def _together(points: Sequence[Point]) -> Sequence[Point]:
+    """Return the last points that have ten episodes together; none where all have fewer.
+
+    A point of unknown episodes stands alone.
+    """
+    episodes = 0
+    for at in range(len(points) - 1, -1, -1):
+        episodes += points[at].episodes or LEAST
+        if episodes >= LEAST:
+            return points[at:]
+    return []
+
+
+def _mean(points: Sequence[Point]) -> float:
+    """Return the mean over the episodes of points."""
+    return fsum(point.value * (point.episodes or 1) for point in points) / sum(point.episodes or 1 for point in points)
 
 
 def _last(points: Sequence[T], whole: float) -> Sequence[T]:
@@ -82,7 +111,9 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         found = _finite(values[0], f"{metric} is {values[0]} at the end", source)
         return replace(trained, measured=found, episodes=episodes)
     points = tuple(
-        Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric]) for row in rows if metric in row
+        Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric], _episodes(row, held_out))
+        for row in rows
+        if metric in row
     )
     for point in points:
         _finite(point.value, f"{metric} is {point.value} after {point.timesteps:,} timesteps", source)
@@ -91,8 +122,13 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
     of_score = _last([row for row in rows if metric in row], len(points))
-    ended = 0 if held_out else sum(int(row.get("episodes", 0)) for row in of_score)
+    ended = sum(_episodes(row, held_out) for row in of_score)
     return Run(seed, points, episodes=episodes, ended=ended)
+
+
+def _episodes(row: Row, held_out: bool) -> int:
+    """Return how many episodes of the training a row is about; 0: it does not say, or is about others."""
+    return 0 if held_out else int(row.get("episodes", 0))
 
 
 def _finite(value: float, what: str, source: str) -> float:

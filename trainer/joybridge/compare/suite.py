@@ -10,6 +10,7 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from joybridge.compare.launch import seed_words
 from joybridge.compare.names import file_name, page_mark
 from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
 from joybridge.compare.pictures import Line, draw_themes, draw_times
@@ -70,7 +71,7 @@ def again(options: argparse.Namespace) -> str:
     words += ["--set", *options.set] if options.set else []
     words += ["--change", *options.change] if options.change else []
     words += ["--pairs", *options.pairs] if options.pairs else []
-    return shlex.join([*words, "--seeds", f"{options.seeds}", "--output", options.output.name, *options.overrides])
+    return shlex.join([*words, *seed_words(options), "--output", options.output.name, *options.overrides])
 
 
 def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], figures: str = "") -> list[Path]:

@@ -135,7 +135,7 @@ def make_variants(
         if key in shared or key in dict(grid[:index]):
             raise ConfigError(f"{key} is set twice; set it once, with all of its values")
     if "seed" in shared:
-        raise ConfigError("seed=…: seeds are counted from 0; use --seeds for their number")
+        raise ConfigError("seed=…: use --seeds for the number of seeds, and --first-seed for the first of them")
     paths, variants = [find_config(config) for config in configs], []
     combinations = itertools.product(*(values for _, values in grid))
     labeled = zip(paths, _labels(paths), strict=True)
