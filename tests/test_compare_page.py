@@ -75,7 +75,8 @@ def test_a_lucky_episode_reaches_no_score(tmp_path):
     # Means over ten episodes or more: 2.3 after 300, (5 * 2 + 9 * 6) / 14 after 400, (9 * 6 + 99) / 10 after 500.
     assert [first and first.timesteps for first in firsts] == [300, 400, 400, 500, 500, None]
     path.write_text("timesteps,reward\n100,9\n200,1\n")  # of who knows how many
-    assert score_run(read_rows(path), path.name, 7, "reward").first_at(9.0).timesteps == 100
+    first = score_run(read_rows(path), path.name, 7, "reward").first_at(9.0)
+    assert first and first.timesteps == 100
 
 
 def test_what_was_measured_at_the_end_is_the_score_and_the_curve_is_that_of_the_training(tmp_path):

@@ -118,6 +118,14 @@ def test_an_own_game_is_played_in_one_line(game):
     env.close()
 
 
+def test_an_environment_of_gymnasium_gets_the_layouts_and_parameters_of_a_game():
+    envs = BridgeVectorEnv(
+        "gym:tests.support.environments:Windy-v0", arenas=2, layout="hybrid", frame_stack=1, parameters={"wind": 1.5}
+    )
+    assert (envs.game_spec.name, envs.reset(seed=0)[0].tolist()) == ("Windy-v0", [[1.5], [1.5]])
+    envs.close()
+
+
 @pytest.mark.parametrize("games", [Chase, "tests.support.gym_games:Chase", [Chase, "tests.support.gym_games:Turns"]])
 def test_further_games_are_offered_by_name(games):
     env = BridgeParallelEnv("chase", games=games)

@@ -188,6 +188,14 @@ def test_a_program_in_a_configuration_may_have_no_keys(keys, tmp_path):
     assert programs_of(str(tmp_path / "fruit.yaml"), []) == {"game": "pygame:fruit.py keys="}
 
 
+def test_a_configuration_may_name_an_environment_with_its_module(tmp_path):
+    (tmp_path / "dock.yaml").write_text("game: gym:my_module:Dock-v0 size=3\n")
+    assert programs_of(str(tmp_path / "dock.yaml"), []) == {"game": "gym:my_module:Dock-v0 size=3"}
+    assert find_and_load(str(tmp_path / "dock.yaml")).game == "Dock-v0"
+    with pytest.raises(ConfigError, match=r"game \"gym:Dock-v0 'a\": No closing quotation"):
+        find_and_load(str(tmp_path / "dock.yaml"), ["game=gym:Dock-v0 'a"])
+
+
 @pytest.mark.parametrize("nothing", ["[]", ""])
 def test_what_pays_and_ends_may_be_left_empty(nothing, tmp_path):
     """An empty pattern would end an episode with its first text."""

@@ -1,12 +1,16 @@
-"""The places of programs: "pygame:PROGRAM KEY=VALUE … -- ARGUMENTS". Both sides take the game's name from one."""
+"""The places of games that are no classes of ours. Both sides take the game's name from one.
+
+They are "pygame:PROGRAM KEY=VALUE … -- ARGUMENTS" and "gym:ID KEY=VALUE …".
+"""
 
 import re
 import shlex
 from collections.abc import Mapping
 
-__all__ = ["NAMES", "PYGAME", "program_name", "program_place"]
+__all__ = ["GYM", "NAMES", "PYGAME", "environment_name", "program_name", "program_place"]
 
 PYGAME = "pygame:"  # how the place of a program begins
+GYM = "gym:"  # how that of an environment of Gymnasium begins
 NAMES = {"keys", "buttons"}  # settings that are names with commas between them
 
 
@@ -21,6 +25,14 @@ def program_name(text: str) -> str:
     settings = words[1 : words.index("--")] if "--" in words else words[1:]
     names = [word.removeprefix("name=") for word in settings if word.startswith("name=")]
     return names[-1] if names else re.split(r"[./:]", words[0].removesuffix(".py"))[-1]
+
+
+def environment_name(text: str) -> str:
+    """Return the name of the game of an environment: its ID, without the module that registers it.
+
+    text: the place without "gym:". Raises ValueError for an open quote.
+    """
+    return next(iter(shlex.split(text)), "").rpartition(":")[2]
 
 
 def program_place(keys: Mapping[str, object]) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
+from joybridge.contract.places import environment_name
 from joybridge.contract.tensors import Array
 from joybridge.simulator import Game, TimeStep, behavior, parameter, spec, termination, transition, truncation
 from joybridge.v1 import bridge_pb2 as pb
@@ -39,7 +40,7 @@ def adapt(text: str) -> type[Game]:
         metrics = _numbers_of(env, spaces, {each.name: each.default_value for each in parameters})
         seconds, limit = tick_seconds(env), env.spec.max_episode_steps or 0
     members = {
-        "name": environment.rpartition(":")[2],
+        "name": environment_name(environment),
         "description": f"{text}, an environment of Gymnasium.",
         "make": staticmethod(partial(make, **arguments)),
         "spaces": spaces,

@@ -84,7 +84,7 @@ class HandConfig(Checked):
 class Config(Checked):
     """A whole run."""
 
-    game: str = Field(description="which game is trained: its name, MODULE:CLASS, or pygame:PROGRAM")
+    game: str = Field(description="which game is trained: its name, MODULE:CLASS, gym:ID or pygame:PROGRAM")
     preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
         None, description="settings of another program, for what is not set beside this key"
     )

@@ -1,20 +1,23 @@
-"""The name of the game at a place, "MODULE:CLASS" or "pygame:PROGRAM"."""
+"""The name of the game at a place: "MODULE:CLASS", "pygame:PROGRAM" or "gym:ID"."""
 
 import sys
 from importlib import import_module
 from pathlib import Path
 
 from joybridge.config.errors import ConfigError
-from joybridge.contract.places import PYGAME, program_name
+from joybridge.contract.places import GYM, PYGAME, environment_name, program_name
+
+NAMED = {PYGAME: program_name, GYM: environment_name}  # places whose text says the name
 
 
 def name_at(place: str) -> str:
     """Return the name of the game at a place; a class is imported. Raises ConfigError."""
-    if place.startswith(PYGAME):
-        try:
-            return program_name(place.removeprefix(PYGAME))
-        except ValueError as error:
-            raise ConfigError(f"game {place!r}: {error}") from error
+    for beginning, name in NAMED.items():
+        if place.startswith(beginning):
+            try:
+                return name(place.removeprefix(beginning))
+            except ValueError as error:
+                raise ConfigError(f"game {place!r}: {error}") from error
     module, _, attribute = place.partition(":")
     path = [*sys.path]
     sys.path.insert(0, str(Path.cwd()))  # for this import alone: files there shall not take the place of our modules

@@ -1,4 +1,7 @@
-"""Games that configurations name by their places: "MODULE:CLASS", or "pygame:PROGRAM", also with settings as keys."""
+"""Games that configurations name by their places: "MODULE:CLASS", "gym:ID", or "pygame:PROGRAM".
+
+The settings of a program may also be keys.
+"""
 
 import json
 import re
@@ -10,7 +13,7 @@ from typing import Any
 from joybridge.config.config_files import find_config, merge, read_overrides, read_yaml
 from joybridge.config.errors import ConfigError
 from joybridge.config.place_names import name_at
-from joybridge.contract.places import PYGAME, program_name, program_place
+from joybridge.contract.places import GYM, PYGAME, program_name, program_place
 
 CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")  # MODULE:CLASS
 
@@ -18,9 +21,9 @@ CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")  # MODULE:CLASS
 def programs_of(config: str, overrides: Sequence[str]) -> dict[str, str]:
     """Return the places of the classes and programs that a configuration names, by the keys that name them.
 
-    config: a file, or the name of an installed one. The value of `game` is "MODULE:CLASS", "pygame:PROGRAM", or a
-    program and its settings as keys: {pygame: PROGRAM, KEY: VALUE}. A file of a program that is not in the current
-    folder is looked for beside the configuration. Raises ConfigError.
+    config: a file, or the name of an installed one. The value of `game` is "MODULE:CLASS", "gym:ID", "pygame:PROGRAM",
+    or a program and its settings as keys: {pygame: PROGRAM, KEY: VALUE}. A file of a program that is not in the
+    current folder is looked for beside the configuration. Raises ConfigError.
     """
     path = find_config(config)
     data = merge(read_yaml(path), read_overrides(overrides))
@@ -84,7 +87,7 @@ def _place(game: Any) -> str | None:
             return program_place(game)
         except ValueError as error:
             raise ConfigError(f"game: got {game}; {error}") from error
-    return game if isinstance(game, str) and (game.startswith(PYGAME) or CLASS.fullmatch(game)) else None
+    return game if isinstance(game, str) and (game.startswith((PYGAME, GYM)) or CLASS.fullmatch(game)) else None
 
 
 def _found(place: str, folder: Path) -> str:
