@@ -165,7 +165,8 @@ def test_another_metric_and_score_need_no_training_and_leave_the_page_of_the_rew
     text = page(copied, "page-accuracy")
     assert "pictures/scores-accuracy-light.png" in text
     assert "mean *accuracy*" in text and "## Timesteps to a score of 0.25" in text
-    assert "--metric accuracy --score 0.25" in text.splitlines()[-2]
+    again = text.splitlines()[-2]
+    assert "--metric accuracy --score 0.25" in again and again.endswith(" --figures svg --output FOLDER")
     unknown = run_in(copied, "127.0.0.1:1", "--metric", "acuracy")
     assert unknown.status == 1
     known = "archer has reward, length, hits, accuracy, reward_std, episodes; of the training: "

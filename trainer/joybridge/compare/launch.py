@@ -174,4 +174,5 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--score", f"{options.score:g}"] if options.score is not None else []
     words += [word for game in options.game for word in ("--game", game)]
     words += ["--simulator", "ADDRESS"] if options.simulator else []
+    words += ["--figures", options.figures] if options.figures else []
     return shlex.join([*words, "--output", "FOLDER", *options.overrides])

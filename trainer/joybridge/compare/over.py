@@ -113,7 +113,8 @@ def scores_csv(over: Over) -> str:
 
 def scores_tex(over: Over) -> str:
     """Return the interquartile means with their intervals as a table for LaTeX."""
-    heads = [f"{over.center} [95\\,\\%]", *(latex(f"{over.sweep.key}={value}") for value in over.sweep.values)]
+    first = f"{over.center} [95\\,\\%], {latex(over.sweep.key)}="
+    heads = [first, *map(latex, over.sweep.values)]
     return tabular(heads, [[latex(cell) for cell in row] for row in _rows(over, str)])
 
 

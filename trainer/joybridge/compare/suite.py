@@ -71,6 +71,7 @@ def again(options: argparse.Namespace) -> str:
     words += ["--set", *options.set] if options.set else []
     words += ["--change", *options.change] if options.change else []
     words += ["--pairs", *options.pairs] if options.pairs else []
+    words += ["--figures", options.figures] if options.figures else []
     return shlex.join([*words, *seed_words(options), "--output", options.output.name, *options.overrides])
 
 
