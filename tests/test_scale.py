@@ -5,7 +5,7 @@ import json
 import pytest
 
 from tools import scale
-from tools.bench import GAMES
+from tools.bench.measure import GAMES
 from tools.scale import Costs, predict
 
 COSTS = Costs(simulate=6e-6, wire=2e-6, act=4e-6, learn=10e-6)

@@ -23,7 +23,7 @@ from joybridge.gym.sb3 import BridgeVecEnv
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.train import train
 from joybridge.run.training import Audience
-from tools.bench import CONFIGS, children, machine, megabytes
+from tools.bench.measure import CONFIGS, children, machine, megabytes
 
 SCREEN = ["options.observation=screen"]
 ROLLOUTS = 4  # of a turn, after the first, in which everything is compiled

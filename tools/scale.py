@@ -27,7 +27,7 @@ from joybridge.config.config import load_config
 from joybridge.config.metrics import Row
 from joybridge.run.train import train
 from joybridge.run.training import Audience
-from tools.bench import CONFIGS, GAMES, children, machine, megabytes, random_acts
+from tools.bench.measure import CONFIGS, GAMES, children, machine, megabytes, random_acts
 
 ARENAS = (1, 4, 16, 64, 256, 1024, 4096)
 SESSIONS = (1, 4, 16, 64)
