@@ -356,7 +356,10 @@ def test_a_file_that_cannot_be_written_is_an_error_in_one_sentence(correct, tmp_
     ("arguments", "error"),
     [
         ([], "ADDRESS is missing; only --list needs none"),
-        (["nowhere"], "argument ADDRESS: got 'nowhere', expected HOST:PORT"),
+        (
+            ["nowhere"],
+            "got 'nowhere', expected HOST:PORT .*; it is a running server that is tested: start one by `joybridge",
+        ),
         ([NOWHERE, "--deadline", "0"], "argument --deadline: "),
         ([NOWHERE, "--deadline", "nan"], "argument --deadline: "),
     ],

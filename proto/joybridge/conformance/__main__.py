@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     checker = commands.add_parser(
         "check", description="Test a running server against the contract, in whatever language it is written."
     )
-    checker.add_argument("address", nargs="?", type=address, metavar="ADDRESS", help="HOST:PORT or unix:PATH")
+    checker.add_argument("address", nargs="?", metavar="ADDRESS", help="HOST:PORT or unix:PATH")
     for option, metavar, text in (
         ("--game", "NAME", "check this game; default: all games"),
         ("--family", "FAMILY", "run the checks of this family; default: all checks"),
@@ -50,6 +50,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     options = parser.parse_args(arguments)
     if not (options.address or options.list):
         checker.error("ADDRESS is missing; only --list needs none")
+    try:
+        options.address = address(options.address) if options.address else None
+    except argparse.ArgumentTypeError as error:
+        serve = "`joybridge serve`, with --game MODULE:CLASS, --pygame PROGRAM or --gym ID for a game of your own"
+        checker.error(f"{error}; it is a running server that is tested: start one by {serve}")
     try:
         checks = select(options.family, options.only)
         if options.list:
