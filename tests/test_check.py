@@ -358,7 +358,7 @@ def test_a_file_that_cannot_be_written_is_an_error_in_one_sentence(correct, tmp_
         ([], "ADDRESS is missing; only --list needs none"),
         (
             ["nowhere"],
-            "got 'nowhere', expected HOST:PORT .*; it is a running server that is tested: start one by `joybridge",
+            "or unix:PATH; it is a running server that is tested: start one by `joybridge serve`, with --game",
         ),
         ([NOWHERE, "--deadline", "0"], "argument --deadline: "),
         ([NOWHERE, "--deadline", "nan"], "argument --deadline: "),
