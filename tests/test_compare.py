@@ -70,6 +70,7 @@ def whole(simulator, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     done = run_in(folder, simulator, draw=True)
     assert done.status == 0, done.errors
+    assert "2 variants: hybrid, bucket-3\n" in done.errors
     assert "networks, too: actor and critic have a body each in hybrid; share one in bucket-3. With" in done.errors
     assert "hybrid-s0: done, reward " in done.output and "next: joybridge evaluate out/runs/" in done.errors
     return folder

@@ -20,6 +20,7 @@ from joybridge.compare.launch import (
     check_length,
     check_metric,
     different_bodies,
+    listed,
     make_job,
     repetition,
     scored_policy,
@@ -95,6 +96,8 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         for seed in seeds(options)
         for variant, spec in zip(variants, specs, strict=True)
     }
+    if len(variants) > 1:
+        say(f"{len(variants)} variants: {listed([variant.label for variant in variants])}")
     pairs = pairs_to_test(variants, options.pairs)
     if pairs and options.seeds < (least := least_seeds(len(pairs))):
         say(

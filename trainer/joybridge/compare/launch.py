@@ -92,14 +92,14 @@ def different_bodies(variants: Sequence[Variant], specs: Sequence[pb.GameSpec]) 
     if len(bodies) < 2:
         return ""
     words = {(False,): "have a body each", (True,): "share one", (False, True): "do either, by policy"}
-    said = "; ".join(f"{words[shared]} in {_listed(labels)}" for shared, labels in sorted(bodies.items()))
+    said = "; ".join(f"{words[shared]} in {listed(labels)}" for shared, labels in sorted(bodies.items()))
     return (
         f"the variants differ in their networks, too: actor and critic {said}. With policy.shared_body=false behind "
         "the options, they have a body each in all"
     )
 
 
-def _listed(labels: Sequence[str]) -> str:
+def listed(labels: Sequence[str]) -> str:
     """Return labels side by side, those with commas in quotes."""
     return ", ".join(f'"{label}"' if "," in label else label for label in labels)
 
