@@ -63,8 +63,8 @@ def test_a_page_shows_variants_side_by_side_and_says_what_is_missing(tmp_path):
     write_suite("hybrid", tmp_path, "joybridge compare --suite hybrid", {"moving": "it does not fit"})
     page = (tmp_path / "page.md").read_text()
     cells = "**0.500** [0.000, 1.000]<br>0.500, 0.750 | **0.250** [0.000, 1.000]<br>0.250 |"
-    assert f"| platform | 200,000 | 0.90 / 0.98 | {cells}" in page and "| platform | 2 | 15 | 15 |" in page
-    assert "| goal | 200,000 | 0.50 / 0.78 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page
+    assert f"| platform, *reward* | 200,000 | 0.90 / 0.98 | {cells}" in page and "| platform | 2 | 15 | 15 |" in page
+    assert "| goal, *success* | 200,000 | 0.50 / 0.78 | – | **1.000** [0.000, 1.000]<br>1.000 |" in page
     assert "- moving: it does not fit" in page
     (tmp_path / "goal" / "compare-held_out_success.json").write_text("{")
     with pytest.raises(ConfigError, match="cannot be read"):

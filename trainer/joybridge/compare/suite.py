@@ -83,20 +83,22 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
     suite = SUITES[name]
     found = {task: data for task, each in suite.tasks.items() if (data := _numbers(folder / task, each)) is not None}
     labels = list(dict.fromkeys(each["label"] for data in found.values() for each in data["variants"]))
+    metrics = sorted({f"*{suite.tasks[task].metric}*" for task in found})
     heads = ["task", "timesteps", *([suite.aims] if suite.aims else []), *labels]
     rows = []
     for task, data in found.items():
         aim = [suite.tasks[task].aim] if suite.aims else []
-        rows.append([task, f"{_timesteps(data):,}", *aim, *_cells(data, labels, _score_cell)])
+        scored = f", *{suite.tasks[task].metric}*" if len(metrics) > 1 else ""
+        rows.append([f"{task}{scored}", f"{_timesteps(data):,}", *aim, *_cells(data, labels, _score_cell)])
     costs = [[task, _settings(folder / task), *_cells(data, labels, _seconds_cell)] for task, data in found.items()]
     lines = {task: _lines(folder / task, data, suite.tasks[task].metric) for task, data in found.items()}
     drawn = draw_themes({TIMES: partial(draw_times, lines)}, folder / PICTURES, figures)
     notes = [f"- {task}: {reason}" for task, reason in missing.items()]
     blocks = [
         f"# The suite {name}",
-        f"The mean {', '.join(sorted({f'*{suite.tasks[task].metric}*' for task in found}))} of the episodes that "
-        "each run's policy plays at the end, with the most probable actions and without learning: the interquartile "
-        "mean over seeds (of three or fewer, the mean), with its 95 % interval, and below it the score of each seed.",
+        f"The mean {' or '.join(metrics)} of the episodes that each run's policy plays at the end, with the most "
+        "probable actions and without learning: the interquartile mean over seeds (of three or fewer, the mean), with "
+        "its 95 % interval, and below it the score of each seed.",
         table(heads, rows),
         *(["These tasks are missing:\n\n" + "\n".join(notes)] if notes else []),
         "Each task has a page of its own, with curves and tests, in the folder of its name.",
