@@ -226,6 +226,7 @@ def test_all_runs_play_under_each_value_of_a_setting_and_one_table_shows_all(who
     assert value["iqm"]["value"] == pytest.approx(np.mean(value["scores"]))
     text = (OUT / f"page{name}.md").read_text()
     assert "| variant, mean under parameters.size= | 0.5 | 1 | 2 |" in text.replace("\\", "")
+    assert "over parameters.size; gray: as trained" in text
     assert f"pictures/scores{name}-light.png" in text and (OUT / f"pictures/scores{name}-dark.png").exists()
     assert (
         "--over parameters.size=0.5,1,2 --episodes 6" in text.splitlines()[-2] and "--test" not in text.splitlines()[-2]

@@ -30,7 +30,7 @@ from joybridge.compare.launch import (
 from joybridge.compare.made_with import changed_sources
 from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName, page_mark
-from joybridge.compare.over import Over, over_table, write_over_page
+from joybridge.compare.over import Over, over_table, trained_span, write_over_page
 from joybridge.compare.page import few_episodes, final_scores, write_page
 from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_parts import escaped
@@ -145,7 +145,8 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         made_with=noted,
     )
     if options.over:
-        over = Over(options.metric, options.over, [by_variant(each, jobs) for each in scored])
+        trained = trained_span(variants, specs, options.over.key)
+        over = Over(options.metric, options.over, [by_variant(each, jobs) for each in scored], trained)
         paths = write_over_page(over, setting, options.output)
         print(over_table(over), "", *paths, sep="\n")
         return 1 if missing else 0

@@ -19,7 +19,10 @@ from joybridge.compare.page_numbers import Setting, latex, tabular
 from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table, write_files
 from joybridge.compare.pictures import draw_over, draw_themes
 from joybridge.compare.scores import Run
+from joybridge.compare.variants import Variant
+from joybridge.config.config import Config
 from joybridge.play.sweep import Sweep
+from joybridge.v1 import bridge_pb2 as pb
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,7 @@ class Over:
     metric: str
     sweep: Sweep
     runs: Sequence[Mapping[str, Sequence[Run]]]  # for each value, by label: the same runs in all
+    trained: tuple[float, float] | None = None  # see `trained_span`
 
     @cached_property
     def estimates(self) -> dict[str, list[Estimate]]:
@@ -37,6 +41,11 @@ class Over:
             label: [estimate(interquartile_mean, np.array([[run.score] for run in each[label]])) for each in self.runs]
             for label in self.runs[0]
         }
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """Return what was trained with, if it has a place on the axis."""
+        return None if self.sweep.named else self.trained
 
     @property
     def counts(self) -> list[int]:
@@ -49,6 +58,27 @@ class Over:
         return center(self.counts[-1])
 
 
+def trained_span(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], key: str) -> tuple[float, float] | None:
+    """Return between which values a parameter, or a limit of the hand, was in the training of all variants.
+
+    specs: of their games. None: it differs between them, or is an option.
+    """
+    spans = {_span(variant.config, spec, key) for variant, spec in zip(variants, specs, strict=True)}
+    return next(iter(spans)) if len(spans) == 1 else None
+
+
+def _span(config: Config, spec: pb.GameSpec, key: str) -> tuple[float, float] | None:
+    where, _, name = key.partition(".")
+    if where == "hand" and name:
+        value = getattr(config.hand, name)
+    elif where == "parameters":
+        value = config.parameters.get(name, *(each.default_value for each in spec.parameters if each.name == name))
+    else:
+        return None
+    (numbers,) = value.values() if isinstance(value, Mapping) else ([value],)
+    return (min(numbers), max(numbers))
+
+
 def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
     """Write the page, its picture and its numbers into a folder. Return the paths of all but the page's picture.
 
@@ -59,7 +89,7 @@ def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:
         for label, found in over.estimates.items()
     }
     names = over.sweep.key, f"{over.metric}, {over.center}"
-    draws = {f"scores{setting.mark}": lambda: draw_over(bands, over.sweep.values, names)}
+    draws = {f"scores{setting.mark}": lambda: draw_over(bands, over.sweep.values, names, over.span)}
     figures = draw_themes(draws, folder / PICTURES, setting.figures)
     text = page_text(over, setting)
     files = {
@@ -85,7 +115,8 @@ def page_text(over: Over, setting: Setting) -> str:
     )
     blocks = [f"# {escaped(setting.game)}: {len(over.estimates)} variants over {key}", introduction]
     blocks += [*warnings(setting), f"## Scores over {key}", over_table(over)]
-    caption = f"{over.center} over runs of each variant, with its 95 % interval, over {key}"
+    trained = "; gray: as trained" if over.span else ""
+    caption = f"{over.center} over runs of each variant, with its 95 % interval, over {key}{trained}"
     blocks += [picture_block(f"scores{setting.mark}", caption)]
     blocks += [setting.differing] if setting.differing else []
     blocks += [made_with] if (made_with := made_with_block(setting.made_with)) else []

@@ -142,13 +142,19 @@ def _draw_profiles(analysis: Analysis) -> Figure:
     return figure
 
 
-def draw_over(bands: Mapping[str, Band], values: Sequence[str], names: tuple[str, str]) -> Figure:
+def draw_over(
+    bands: Mapping[str, Band], values: Sequence[str], names: tuple[str, str], trained: tuple[float, float] | None
+) -> Figure:
     """Return a line with its band for each variant over the values of a setting.
 
-    bands: by label; where each value stands is their `x`. values: as they are written. names: of the two axes.
+    bands: by label; where each value stands is their `x`. values: as they are written. names: of the two axes. trained:
+    between which values it was in the training.
     """
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes = figure.subplots()
+    if trained is not None:
+        low, high = trained
+        axes.axvspan(low, high, color="gray", alpha=0.2, lw=0 if low < high else 2, label="as trained")
     for index, (label, band) in enumerate(bands.items()):
         _draw_band(axes, band, index, label)
         axes.plot(band.x, band.value, "o", color=_style(index)[0], ms=4.5)
