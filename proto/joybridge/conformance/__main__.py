@@ -53,8 +53,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     try:
         options.address = address(options.address) if options.address else None
     except argparse.ArgumentTypeError as error:
-        serve = "`joybridge serve`, with --game MODULE:CLASS, --pygame PROGRAM or --gym ID for a game of your own"
-        checker.error(f"{error}; it is a running server that is tested: start one by {serve}")
+        serve = (
+            "; it is a running server that is tested: start one by `joybridge serve`, with --game MODULE:CLASS, "
+            "--pygame PROGRAM or --gym ID for a game of your own"
+        )
+        checker.error(f"argument ADDRESS: {error}{'' if options.address[-1:].isdigit() else serve}")
     try:
         checks = select(options.family, options.only)
         if options.list:
