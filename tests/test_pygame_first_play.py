@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from joybridge.adapters.pygame_programs import first_play, remembered
+from joybridge.adapters.pygame_programs.inside import scan
 from joybridge.simulator.catalog import load_game
 from tests.support.servers import ROOT
 
@@ -111,3 +112,8 @@ def test_a_program_that_fails_when_it_is_played_keeps_its_numbers_and_is_named(t
     assert "Numbers in its texts that may be rewards: 'reward=^Score: (-?\\d+)' (0 to 20)." in description
     ((*_, said),) = caplog.record_tuples
     assert "decisions of random play, arena 0: the program has failed: ZeroDivisionError" in said
+
+
+def test_the_sources_of_joybridge_are_not_those_of_a_program_in_a_folder_above():
+    found = scan._files(ROOT / "game.py")
+    assert ROOT / "game.py" in found and not [path for path in found if "joybridge" in path.parts]

@@ -114,9 +114,17 @@ def _nodes(root: Path) -> Iterator[ast.AST]:
 
 
 def _files(root: Path) -> list[Path]:
-    """Return the files of a package; for a single file, those in its folder that are imported as well."""
+    """Return the files of a package; for a single file, those in its folder that are imported as well.
+
+    Those of Joybridge, which may lie below the same folder, are imported here, too, and are not the program's.
+    """
     if root.is_dir():
         return sorted(root.rglob("*.py"))[:MAX_FILES]
     loaded = {Path(file) for module in list(sys.modules.values()) if (file := getattr(module, "__file__", None))}
-    own = {path for path in loaded if root.parent in path.parents and "site-packages" not in path.parts}
+    ours = {Path(folder) for folder in sys.modules["joybridge"].__path__}
+    own = {
+        path
+        for path in loaded
+        if root.parent in path.parents and "site-packages" not in path.parts and not ours & set(path.parents)
+    }
     return sorted({root, *(path for path in own if path.suffix == ".py")})[:MAX_FILES]
