@@ -20,7 +20,7 @@ from joybridge.policy.actor import make_actors
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.own_code import FILE
-from joybridge.run.sources import changed_sources
+from joybridge.run.sources import changed_sources, marks
 from joybridge.simulator import axis, behavior, branch, image, sensor
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
@@ -233,3 +233,24 @@ def test_a_change_of_sources_is_noticed_until_something_is_saved_that_was_played
     with _noting_sources(*sources):
         (run / "checkpoints" / "000000000064").mkdir(parents=True)
     assert changed_sources(*sources) == []
+
+
+def test_a_change_of_what_a_game_imports_from_its_folder_is_noticed(folder):
+    Path("crane_game.py").write_text("import json, numpy\nimport crane_rules as rules\n")
+    Path("crane_rules.py").write_text("def load():\n    from crane_parts.rope import LENGTH\n    import crane_game\n")
+    Path("crane_parts").mkdir()
+    Path("crane_parts/__init__.py").touch()
+    rope, hook = Path("crane_parts/rope.py"), Path("crane_hook.py")
+    rope.write_text("LENGTH = 1")
+    hook.write_text("from crane_rules import load")
+    program = f"pygame:{folder}/crane_game.py hook=crane_hook.py"
+    games = ["gym:crane_game:Crane-v0", program]
+    modules = "crane_game", "crane_parts", "crane_rules"
+    files = "crane_game.py", "crane_parts", "crane_rules.py"
+    before = marks(games, [])
+    assert set(before) == {*modules, "crane_hook.py", *files[::2], *(f"{folder}/{name}" for name in files)}
+    rope.write_text("LENGTH = 2")
+    after = marks(games, [])
+    assert {name for name in before if before[name] != after[name]} == {"crane_parts", f"{folder}/crane_parts"}
+    hook.write_text("def (")
+    assert {*modules, "crane_hook.py"} <= set(marks(games, []))

@@ -1,18 +1,22 @@
 """The sources of a run that others than we have written: marks of their files, by which a change is noticed.
 
-These are the modules of its game, layout, network and loss, or its pygame program and its hook. A spec does not show
-that the rules of a game have changed. Nothing is imported or run to make a mark.
+These are the modules of its game, layout, network and loss, or its pygame program and its hook, and the modules beside
+these that they import. A spec does not show that the rules of a game have changed. Nothing is imported or run to make a
+mark.
 """
 
+import ast
 import hashlib
 import json
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
+from sysconfig import get_path
 
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
@@ -26,16 +30,19 @@ HOOK = "hook="  # a setting of a pygame program
 FILE = "sources.json"  # in the folder of a run
 MAX_BYTES = 2**20  # of it
 MAX_SOURCE_BYTES = 2**24  # of a file of a source
+STANDARD = Path(get_path("stdlib"))
 
 
 def marks(games: Sequence[str], configs: Sequence[Config]) -> dict[str, str]:
-    """Return a mark of the files of each module or program, as they are here; without those that are not here.
+    """Return a mark of the files of each module or program, and of those beside it that it imports.
+
+    They are marked as they are here; those that are not here are left out.
 
     games: "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each; the names of others are ignored.
     """
     of_games = [name for game in games for name in _sources_of_game(game)]
     names = {*of_games, *_sources_of(configs)} - {""}
-    return {name: mark for name in sorted(names) if (mark := _mark(name))}
+    return {name: mark for name in sorted(_with_imported(names)) if (mark := _mark(name))}
 
 
 def note_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
@@ -90,6 +97,44 @@ def _sources_of(configs: Sequence[Config]) -> set[str]:
     return named | {points[name] for name in layouts & set(points)}
 
 
+def _with_imported(names: set[str]) -> set[str]:
+    """Return names of modules and programs, and of what they import, directly or not, from the folder they lie in."""
+    found, new = set(names), set(names)
+    while new:
+        new = {each for name in new for each in _imported(name)} - found
+        found |= new
+    return found
+
+
+def _imported(name: str) -> set[str]:
+    """Return the modules beside a module, package or program that it imports: paths, as it is one, or names."""
+    found: set[str] = set()
+    for path in _files(name):
+        try:
+            tree = ast.parse(read_file(path, MAX_SOURCE_BYTES))
+        except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
+            continue
+        nodes = list(ast.walk(tree))
+        found |= {one.name for node in nodes if isinstance(node, ast.Import) for one in node.names}
+        found |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom) and not node.level}
+    modules = {module.partition(".")[0] for module in found}
+    if name.endswith(".py") or Path(name).is_dir():
+        places = [Path(name).parent / module for module in modules]
+        files = {str(path) for place in places if (path := place.with_suffix(".py")).is_file()}
+        return files | {str(place) for place in places if (place / "__init__.py").is_file()}
+    folder = _folder(name)
+    return {module for module in modules - {name.partition(".")[0]} if folder and _folder(module) == folder}
+
+
+def _folder(name: str) -> Path | None:
+    """Return the folder that holds a module or a package; none if it is installed, and so has a version."""
+    found = _spec(name)
+    if found is None or not found.origin or not found.origin.endswith(".py"):
+        return None
+    folder = Path(found.origin).parents[1 if found.submodule_search_locations else 0]
+    return None if folder.name in ("site-packages", "dist-packages") or folder == STANDARD else folder
+
+
 def _mark(name: str) -> str:
     """Return a mark of the files of a module, a package or a program, "" if there is none here."""
     digest, some = hashlib.sha256(), False
@@ -105,16 +150,23 @@ def _mark(name: str) -> str:
 def _files(name: str) -> Iterable[Path]:
     if name.endswith(".py"):
         return [Path(name)]
-    path = [*sys.path]
-    sys.path.insert(0, str(Path.cwd()))  # for this search alone
-    try:
-        found = find_spec(name.partition(".")[0])  # of a module in a package all of it, as finding it would import that
-    except (ImportError, ValueError, AttributeError):
-        return []
-    finally:
-        sys.path[:] = path
+    if (folder := Path(name)).is_dir():
+        return folder.rglob("*.py")
+    found = _spec(name)
     if found is None:
         return []
     if found.submodule_search_locations:
         return [each for folder in found.submodule_search_locations for each in Path(folder).rglob("*.py")]
     return [Path(found.origin)] if found.origin and found.origin.endswith(".py") else []
+
+
+def _spec(name: str) -> ModuleSpec | None:
+    """Return where a module is; of a module in a package its whole package, as finding it would import that."""
+    path = [*sys.path]
+    sys.path.insert(0, str(Path.cwd()))  # for this search alone
+    try:
+        return find_spec(name.partition(".")[0])
+    except (ImportError, ValueError, AttributeError):
+        return None
+    finally:
+        sys.path[:] = path
