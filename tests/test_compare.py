@@ -207,6 +207,8 @@ def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copie
 def test_all_runs_play_under_each_value_of_a_setting_and_one_table_shows_all(whole, copied, simulator):
     done = run_in(copied, simulator, "--over", "parameters.size=0.5,1,2", "--episodes", "6")
     assert done.status == 0, done.errors
+    assert "4 runs play 6 episodes each under each of 3 values of parameters.size, one after the other" in done.errors
+    assert "\n12 of 12: " in done.errors
     assert_same(copied, whole)  # the page of the training, beside it
     name = "-over_parameters.size=0.5_1_2"
     with (OUT / f"scores{name}.csv").open() as file:

@@ -187,6 +187,7 @@ def test_a_game_whose_file_changes_between_runs_is_named_on_the_page(tmp_path, m
         note(out, games, [config])
     (first,) = read_made_with(out)
     assert first.versions["torch"] and first.versions["joybridge"].startswith("0.1.0")
+    assert first.versions["gymnasium"] and first.versions["pygame"] and "stable-baselines3" not in first.versions
     assert list(first.sources) == ["my hook.py", "program.py", "reach_game"] and not changed_sources([first])
     Path("reach_game.py").write_text("REACH = 0.3")
     note(out, games, [config])

@@ -17,6 +17,7 @@ from joybridge.config.config import Config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.run.origin import run_origins
 
 SMALL = (
     "arenas=2",
@@ -63,6 +64,7 @@ def test_a_run_has_the_rows_of_ours_and_is_evaluated_at_its_end(name, tmp_path):
     assert [row["timesteps"] for row in rows] == [64, 128, 192, 256]
     assert rows[-1]["held_out_episodes"] == 3 and "held_out_reward" not in rows[0]
     assert (tmp_path / "config.yaml").exists() and (tmp_path / "model.zip").exists()
+    assert run_origins(tmp_path)[0].packages["stable_baselines3"]
 
 
 def test_a_game_that_is_no_environment_is_refused(tmp_path, capsys):

@@ -144,7 +144,8 @@ def _add_runs(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--jobs",
         type=at_least(1),
-        help="runs at the same time, each on two cores; default: 1, on a cluster as many as fit",
+        help="runs that train at the same time, each on two cores; default: 1, on a cluster as many as fit. Tests are "
+        "played one after the other",
     )
     group.add_argument(
         "--backend", choices=("local", "ray"), default="local", help="train on this machine, or on a Ray cluster"

@@ -9,7 +9,7 @@ from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.environments import environment_of
 from joybridge.compare.job import Job, PeerJob, Process, start
 from joybridge.compare.made_with import note
-from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
+from joybridge.compare.variants import PACKAGES, TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import HELD_OUT, is_builtin_metric, measured_columns, training_columns
@@ -32,7 +32,8 @@ def served_specs(variants: Sequence[Variant], options: argparse.Namespace) -> li
         check_variant(variant, spec)
         check_game(variant, spec, options.output)
     keep(variants, specs, options.output)
-    note(options.output, options.game, [variant.config for variant in variants])
+    others = sorted({PACKAGES[variant.by] for variant in variants if variant.by})
+    note(options.output, options.game, [variant.config for variant in variants], others)
     return specs
 
 

@@ -21,6 +21,7 @@ from joybridge.run.sources import marks
 FILE = "made_with.json"  # in the folder of a comparison
 MAX_BYTES = 2**20  # of it
 PACKAGES = ("joybridge", "torch", "numpy", "numba")
+OF_GAMES = {"gym": ["gymnasium"], "pettingzoo": ["pettingzoo"], "pygame": ["pygame", "pygame-ce"]}  # by kind
 
 
 class MadeWith(NamedTuple):
@@ -30,12 +31,16 @@ class MadeWith(NamedTuple):
     sources: dict[str, str]  # a mark of the files of each module or program
 
 
-def note(folder: Path, games: Sequence[str], configs: Sequence[Config]) -> None:
+def note(folder: Path, games: Sequence[str], configs: Sequence[Config], more: Sequence[str] = ()) -> None:
     """Add to the folder what its next runs are made with, once. Raises ConfigError and StorageError.
 
-    games: of the command line, "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each.
+    games: of the command line, "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each. more: packages besides.
     """
-    versions = {"python": python_version()} | {name: found for name in PACKAGES if (found := _version(name))}
+    of_games = [
+        name for kind, names in OF_GAMES.items() if any(game.startswith(f"{kind}:") for game in games) for name in names
+    ]
+    packages = [*PACKAGES, *of_games, *more]
+    versions = {"python": python_version()} | {name: found for name in packages if (found := _version(name))}
     if mark := commit():
         versions["joybridge"] += f" ({mark})"
     now = MadeWith(versions, marks(games, configs))

@@ -33,6 +33,7 @@ from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, Cells, Row, write_cells
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.ppo.threads import use_one_thread
+from joybridge.run.origin import keep_origin
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
@@ -60,6 +61,7 @@ def train(options: argparse.Namespace) -> None:
     config = load_config(options.config, options.overrides)
     run, policy = options.run, config.policy
     (run / FINISHED).unlink(missing_ok=True)
+    keep_origin(run)
     environment = options.environment or config.game
     env = _environments(environment, config.arenas, config.seed)
     if policy.scale_observations == "running" or policy.scale_rewards:

@@ -1,6 +1,7 @@
 """The runs of a comparison under test settings of the game, by which neither a policy was trained nor a choice made."""
 
 import argparse
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -116,11 +117,14 @@ def test_runs(
     from joybridge.play.playing import PlaySpec
 
     tested, failed = list[dict[Job, Run]](), dict[Job, str]()
+    played, total, begin = 0, len(runs) * len(test_settings(options)), time.monotonic()
+    say(f"{len(runs)} runs play {options.episodes} episodes each{_of_values(options)}, one after the other")
     with open_simulators(wanted_simulators(options), options.wait, say) as connect:
         address = connect()[0]
         for settings in test_settings(options):
             reached = dict[Job, Run]()
             for job, run in runs.items():
+                played += 1
                 if job in failed:
                     continue
                 plays = PlaySpec(job.run, address, SEED, options.deterministic, settings)
@@ -133,6 +137,17 @@ def test_runs(
                 mean = measured.means[options.metric]
                 reached[job] = replace(run, measured=mean, episodes=measured.episodes)
                 under = f" under {' '.join(settings)}" if options.over else ""
-                say(f"{job.name}: {options.metric} {mean:.4g} in {measured.episodes} test episodes{under}")
+                left = minutes_left((time.monotonic() - begin) / played * (total - played))
+                say(f"{played} of {total}: {job.name}: {options.metric} {mean:.4g}{under}{left}")
             tested.append(reached)
     return [{job: run for job, run in reached.items() if job not in failed} for reached in tested], failed
+
+
+def minutes_left(seconds: float) -> str:
+    """Return how long it still takes as the end of a line; "" if that is less than half a minute."""
+    minutes = round(seconds / 60)
+    return f"; about {minutes} min left" if minutes else ""
+
+
+def _of_values(options: argparse.Namespace) -> str:
+    return f" under each of {len(options.over.values)} values of {options.over.key}" if options.over else ""

@@ -28,7 +28,7 @@ FREE = {*MAY_CHANGE, "seed"} - {"log_interval"}  # keys that may change when a c
 SEARCH = "search.journal"  # of Optuna, in the folder of a search
 VARIANTS = "variants.json"
 TRAINERS = {"sb3": "Stable-Baselines3"}  # others than ours, with their names for people
-MODULES = {"sb3": "stable_baselines3"}
+PACKAGES = {"sb3": "stable-baselines3"}
 MAX_BYTES = 2**26  # of this file
 # What a simulator may come to offer without another score: descriptions, and what else it can do with the same game.
 OFFERS = {"description", "max_arenas", "picture", "snapshot_bytes_per_arena", "parameters_per_episode"}
@@ -60,8 +60,8 @@ def beside(variants: Sequence[Variant], trainer: str, given: Sequence[str] = ())
 
     Raises ConfigError if it is not installed, and for a game that it cannot train.
     """
-    if find_spec(MODULES[trainer]) is None:
-        raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {MODULES[trainer]}`")
+    if find_spec(PACKAGES[trainer].replace("-", "_")) is None:
+        raise ConfigError(f"--beside {trainer} needs {TRAINERS[trainer]}: `pip install {PACKAGES[trainer]}`")
     for variant in variants:
         if not is_registered(environment_of(variant.config.game, given)):
             raise ConfigError(
