@@ -241,9 +241,9 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
 @pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")
 def test_the_configuration_of_an_environment_needs_no_server(folder, capsys):
     assert main(["new", "--gym", "CartPole-v1"]) == 0
-    assert load_config(Path("CartPole-v1.yaml")).game == "CartPole-v1"
+    assert load_config(Path("CartPole-v1.yaml")).game == "gym:CartPole-v1"
     written = typed(capsys.readouterr().out)
-    assert written[0].endswith("train CartPole-v1.yaml --gym CartPole-v1 --run runs/CartPole-v1")
+    assert written[0].endswith("train CartPole-v1.yaml --run runs/CartPole-v1")
     assert main(["new", "--pettingzoo", "pettingzoo.classic.tictactoe_v3"]) == 0
     assert "train tictactoe_v3.yaml --pettingzoo pettingzoo.classic.tictactoe_v3 --run " in capsys.readouterr().out
     assert main(["new", "--gym", "gone:Nothing-v0"]) == 2
@@ -267,7 +267,7 @@ def test_no_video_is_proposed_of_a_game_that_cannot_be_drawn(folder):
 def test_sizes_follow_the_numbers_of_an_observation():
     def config(numbers, **settings):
         player = behavior("player", sensors=[sensor("all", [numbers])], branches=[button("press")])
-        return yaml.load(starter_config(GameSpec(name="my: game", behaviors=[player], **settings)))
+        return yaml.load(starter_config(GameSpec(name="my: game", behaviors=[player], **settings), "my: game"))
 
     yaml = YAML(typ="safe")
     few, many = config(3, max_arenas=16, max_episode_decisions=9), config(900, max_arenas=1024)
@@ -290,7 +290,7 @@ def test_who_sees_an_image_begins_with_settings_for_images(kind, centered, layou
     player = behavior(
         "player", sensors=[shown], axes=[axis(name, kind=kind) for name in "xy" if kind], branches=[button("jump")]
     )
-    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128))
+    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128), "field")
     config = YAML(typ="safe").load(text)
     assert config["layout"] == layout and config["arenas"] == 16 and "the image of 64x48" in text
     assert config["policy"]["frame_stack"] == 2 and config["policy"]["image_encoder"] == "auto"
@@ -303,7 +303,7 @@ def test_who_points_and_holds_several_buttons_is_shown_a_mixture_that_can(tmp_pa
         axes=[axis(name, kind="position") for name in "xy"],
         branches=[button("run"), button("shoot")],
     )
-    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128))
+    text = starter_config(GameSpec(name="field", behaviors=[player], max_arenas=128), "field")
     mixture = text.partition("several at once: ")[2].partition("\n")[0]
     made = make_layouts(mixture, player.device)[""]
     assert mixture == "hybrid, x=map-16x12, y=map-16x12" and len(made.discrete) == 3

@@ -28,6 +28,7 @@ from joybridge.compare.variants import SEARCH, VARIANTS, make_variants
 from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.config.programs import programs_of
 from joybridge.run.run_lock import locked
 from tests.support.command_line import Done, joybridge
 from tests.support.jobs import train_here
@@ -187,6 +188,18 @@ def test_a_search_finds_better_settings_prunes_hopeless_trials_and_says_what_to_
     with (OUT / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["state"] == "pruned" for row in rows] == [trial in pruned for trial in found]
+
+
+def test_where_the_game_is_stands_in_the_best_configuration_and_in_no_command(run):
+    place = "joybridge.games.archer.game:Archer"
+    Path("small.yaml").write_text(SMALL.replace("game: archer", f"game: {place}"))
+    done = run("--trials", "2")
+    assert done.status == 0, done.errors
+    files = ["small.yaml", str(OUT / "best.yaml")]
+    assert [programs_of(file, []) for file in files] == [{"game": place}] * 2
+    commands = done.errors.splitlines()[-2:]
+    assert all(command.startswith("next: joybridge ") and "game" not in command for command in commands)
+    assert "Archer" not in (OUT / "page.md").read_text().partition("## Again")[2]
 
 
 def test_a_search_that_is_killed_anywhere_and_repeated_ends_with_the_same_trials(run):

@@ -127,7 +127,7 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
     """Let the class or program that configurations name as their game be one of the command's, under its name.
 
     configs: files, or names of installed ones; see `programs_of`. A simulator that is running has the game already.
-    Raises ConfigError.
+    `options.typed` gets the overrides and the games that a repetition of the command has to name. Raises ConfigError.
     """
     found = [programs_of(config, options.overrides) for config in configs]
     if any(places != found[0] for places in found):
@@ -140,6 +140,7 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
             f"{configs[0]} names its own program, {found[0]['game']}, so that of --pygame would not be played; leave "
             f"out --pygame and write game.pygame={program} to play it with the settings of the configuration"
         )
+    options.typed = [*options.overrides], [game for game in options.game if game not in places]
     options.overrides += with_names(found[0])
     if not options.simulator:
         options.game = list(dict.fromkeys([*places, *options.game]))

@@ -173,7 +173,8 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--ppo", options.ppo] if options.ppo != "{}" else []
     words += ["--behavior", options.behavior] if options.behavior else []
     words += ["--score", f"{options.score:g}"] if options.score is not None else []
-    words += [word for game in options.game for word in ("--game", game)]
+    overrides, games = options.typed
+    words += [word for game in games for word in ("--game", game)]
     words += ["--simulator", "ADDRESS"] if options.simulator else []
     words += ["--figures", options.figures] if options.figures else []
-    return shlex.join([*words, "--output", "FOLDER", *options.overrides])
+    return shlex.join([*words, "--output", "FOLDER", *overrides])

@@ -8,6 +8,7 @@ ends with the same trials if it is killed and repeated.
 import argparse
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import optuna
@@ -35,11 +36,12 @@ from joybridge.compare.variants import (
     kept_spec,
     read_variants,
 )
-from joybridge.config.config import Config, dump_config, load_config
-from joybridge.config.config_files import find_config
+from joybridge.config.config import Config, load_config
+from joybridge.config.config_files import dump_yaml, find_config
 from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
+from joybridge.config.programs import programs_of, with_places
 from joybridge.progress import say
 from joybridge.run.run_lock import locked
 
@@ -138,11 +140,12 @@ def report(made: Search) -> int:
     best = settings_of(made.ranges, best_trial.params)
     own = own_settings(made.ranges, made.base, made.path, options.overrides)
     file = options.output / "best.yaml"
+    found = with_places(made.config(best).model_dump(), programs_of(options.config, options.typed[0]))
     about = (
         f"{FOUND}{len(trials)} trials of {made.base.end:,} timesteps with seed {made.base.seed}, by {options.metric} "
         f"({best_trial.value:.4g}); searched: {' '.join(map(str, made.ranges))}\n"
     )
-    write_atomically(file, (about + dump_config(made.config(best))).encode())
+    write_atomically(file, (about + dump_yaml(found)).encode())
     commands = next_commands(made, best, file, own)
     result = Outcome(
         made.base.game,
@@ -166,17 +169,19 @@ def report(made: Search) -> int:
 
 def next_commands(made: Search, best: dict[str, str], file: Path, own: dict[str, str]) -> list[str]:
     """Return what to type next: a training with the best settings, and their comparison with the configuration."""
-    options, named = made.options, wanted_simulators(made.options).arguments()
+    options = made.options
+    overrides, games = options.typed
+    named = replace(wanted_simulators(options), games=tuple(games)).arguments()
     train = [
         "joybridge",
         "train",
         options.config,
         *named,
-        *options.overrides,
+        *overrides,
         *(f"{key}={value}" for key, value in best.items()),
     ]
     if best == own:
         return [shlex.join(train)]
-    shared = [each for each in options.overrides if not each.startswith("seed=")]
+    shared = [each for each in overrides if not each.startswith("seed=")]
     compare = ["joybridge", "compare", options.config, "--also", str(file), *named, "--seeds", "5"]
     return [shlex.join(train), shlex.join([*compare, "--output", f"{options.output}-seeds", *shared])]

@@ -39,6 +39,17 @@ def with_names(places: Mapping[str, str]) -> list[str]:
     return [f"{key}={json.dumps(name_at(place), ensure_ascii=False)}" for key, place in places.items()]
 
 
+def with_places(data: dict[str, Any], places: Mapping[str, str]) -> dict[str, Any]:
+    """Return the data of a configuration with the games' places where their names are, as `programs_of` finds them."""
+    for key, place in places.items():
+        *above, last = key.split(".")
+        node = data
+        for name in above:
+            node = node[name]
+        node[last] = place
+    return data
+
+
 def merged_place(program: str, trained: str, forced: Sequence[str] = (), held: Sequence[str] = ()) -> str:
     """Return the place of a program with settings and arguments that it lacks, from the place of a training.
 

@@ -9,6 +9,7 @@ import re
 import shlex
 from pathlib import Path
 
+from joybridge.contract.places import GYM
 from joybridge.simulator.new_game.learning import images, layout, policy
 from joybridge.simulator.new_game.write import check_new, command, write_new
 from joybridge.v1 import bridge_pb2 as pb
@@ -22,9 +23,12 @@ def write_config(spec: pb.GameSpec, place: tuple[str, str], folder: Path) -> str
 
     place: the option with which it is trained, as in ("--gym", "CartPole-v1"). Raises NewGameError.
     """
+    option, what = place
+    named = option == "--gym"  # the configuration names the game's place, and no command needs to
+    with_it = "" if named else f" {shlex.join(place)}"
     path = folder / (re.sub(r"[^\w.-]", "_", spec.name) + ".yaml")
     check_new([path])
-    write_new({path: starter_config(spec)})
+    write_new({path: starter_config(spec, f"{GYM}{what}" if named else spec.name)})
     joybridge, run = shlex.quote(command(folder)), shlex.quote(f"runs/{path.stem}")
     go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
     drawn = spec.HasField("picture")
@@ -33,7 +37,7 @@ def write_config(spec: pb.GameSpec, place: tuple[str, str], folder: Path) -> str
 
 Train it{", evaluate the policy and record a video" if drawn else " and evaluate the policy"}:
 
-{go}  {joybridge} train {_argument(path.name)} {shlex.join(place)} --run {run}
+{go}  {joybridge} train {_argument(path.name)}{with_it} --run {run}
   {joybridge} evaluate {run}{video}"""
 
 
@@ -42,14 +46,14 @@ def _argument(name: str) -> str:
     return shlex.quote(f"./{name}" if name.startswith("-") else name)
 
 
-def starter_config(spec: pb.GameSpec) -> str:
-    """Return the text of a configuration that suits a spec."""
-    name = json.dumps(spec.name, ensure_ascii=False)
+def starter_config(spec: pb.GameSpec, game: str) -> str:
+    """Return the text of a configuration that suits a spec. game: its name, or where it is."""
+    name, game = (json.dumps(text, ensure_ascii=False) for text in (spec.name, game))
     lanes = max(behavior.agents_per_arena for behavior in spec.behaviors)
     arenas = max(1, min((IMAGE_LANES if images(spec) else LANES) // lanes, spec.max_arenas))
     return f"""\
 # A start for {name}. `joybridge keys` lists all keys.
-game: {name}
+game: {game}
 {layout(spec)}
 arenas: {arenas:<18}# played in parallel
 total_timesteps: 1000000  # more if the reward still rises at the end
