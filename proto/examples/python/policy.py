@@ -36,6 +36,7 @@ class Policy:
         document = json.loads(Path(path).read_bytes(), object_hook=_decode_array)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             raise ValueError(f"{path} is no {FORMAT!r}; write it with `joybridge export RUN policy.json`")
+        self.options = document.get("options", {})  # of the game, where they are not its defaults
         self.sensors = document["sensors"]  # name, dtype and shape of each
         self.axes = document["axes"]  # name, low and high of each, in the order of their columns
         self.branches = document["branches"]  # name and choices of each, in the order of their columns

@@ -131,6 +131,7 @@ class Difference:
 class Source(NamedTuple):
     """What pays in one channel."""
 
+    look: Callable[[], None]  # at the program, at the end of a frame: what it ends with may be gone a moment later
     take: Callable[[], float]  # returns the reward since its last call
     found: Callable[[], bool]  # whether there has been a number, or the sound
 
@@ -144,21 +145,20 @@ def reward_of(source: str, texts: Texts, played: Counter[str]) -> Source:
         def heard() -> float:
             return float(sum(n for file, n in played.items() if _is_sound(file, name)))
 
-        return Source(lambda: _take(difference, heard()), lambda: heard() > 0)
+        return Source(lambda: difference.see(heard()), difference.take, lambda: heard() > 0)
     if kind == "attr" and name:
-        return Source(lambda: _take(difference, number_at(name)), lambda: difference.value is not None)
+
+        def read() -> None:
+            if (value := number_at(name)) is not None:
+                difference.see(value)
+
+        return Source(read, difference.take, lambda: difference.value is not None)
     nth, text = nth_text(source)
     pattern = _compiled(text)
     if pattern.groups != 1:
         raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
     texts.search(text, lambda match: _see(difference, match[1]), nth)
-    return Source(difference.take, lambda: difference.value is not None)
-
-
-def _take(difference: Difference, value: float | None) -> float:
-    if value is not None:
-        difference.see(value)
-    return difference.take()
+    return Source(lambda: None, difference.take, lambda: difference.value is not None)
 
 
 def _see(difference: Difference, text: str) -> None:

@@ -76,6 +76,8 @@ class Score:
 
     def after_frame(self) -> None:
         """Look at the program at the end of a frame."""
+        for source in self._sources.values():
+            source.look()
         if "reward" in self._hook:
             for name, value in self._hook_rewards().items():
                 if name not in self._earned:
@@ -87,6 +89,7 @@ class Score:
     def take(self) -> list[float]:
         """Return the rewards since the last call, by channel."""
         for name, source in self._sources.items():
+            source.look()
             self._earned[name] += source.take()
         earned = list(self._earned.values())
         self._totals = {name: self._totals.get(name, 0.0) + value for name, value in self._earned.items()}
