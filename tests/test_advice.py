@@ -7,7 +7,7 @@ from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
-from joybridge.run.advice import SAME_DECISIONS, Adviser, intervals_too_short
+from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser, intervals_too_short
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 
@@ -81,6 +81,27 @@ def test_rewards_beyond_sense_are_named_once():
     policy.rollout.rewards[5, 5] = -1e12
     (line,) = said(adviser)
     assert line.startswith("player: a decision is rewarded with up to ±1e+12;") and "policy.reward_weights" in line
+
+
+@pytest.mark.parametrize(
+    ("rewards", "ends", "lines"),
+    [
+        ([1, 0, 2, 1, -4, 1], False, 1),
+        ([1, 0, 2, 1, -4, 1], True, 0),
+        ([1, 0, 2, 1, -3, 1], False, 0),
+        ([1, -1, 2, -2, 1, -1], False, 0),
+    ],
+)
+def test_a_score_that_falls_back_within_episodes_is_named_once(rewards, ends, lines):
+    policy, adviser = lively("hybrid")
+    policy.rollout.rewards[:] = 0.0
+    policy.rollout.rewards[2:8, :TAKEN_BACK] = np.array(rewards)[:, None]
+    policy.rollout.terminated[6, :TAKEN_BACK] = ends
+    policy.rollout.truncated[-1] = True
+    found = said(adviser, 3)
+    assert len(found) == lines
+    if found:
+        assert found[0].startswith(f"player: in {TAKEN_BACK} episodes one decision took back all that was paid before")
 
 
 @pytest.mark.parametrize(("paid", "lines"), [(0.0, 1), (-0.5, 0)])

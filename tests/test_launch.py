@@ -2,6 +2,7 @@
 
 import pytest
 
+from joybridge.client import launch
 from joybridge.client.client import SimulatorLost, describe, list_games, wait_for
 from joybridge.client.launch import simulator_process
 from tests.support.command_line import joybridge
@@ -46,6 +47,13 @@ def test_the_simulator_ends_with_the_block():
         raise LookupError(list_games(address))
     with pytest.raises(SimulatorLost, match="nothing listens there"):
         wait_for(address, 0.0, lambda text: None)
+
+
+def test_a_simulator_that_takes_long_to_start_is_announced_once(monkeypatch, capsys):
+    monkeypatch.setattr(launch, "SILENCE_SECONDS", 0.0)
+    with simulator_process() as address:
+        assert address
+    assert capsys.readouterr().err.count(launch.WAITING) == 1
 
 
 def test_a_simulator_that_does_not_start_raises_its_own_message(capfd):

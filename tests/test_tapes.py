@@ -114,7 +114,7 @@ def test_a_file_that_is_no_tape_is_refused(tmp_path):
 def test_a_command_records_a_tape(tmp_path):
     path = tmp_path / "catch.tape"
     done = joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
-    assert done.output == f"{path}: 12 frames\nnext: joybridge tape replay {path}\n"
+    assert done.output == f"{path}: 3 decisions, 12 frames\nnext: joybridge tape replay {path}\n"
     assert replay(path) == 12
 
 

@@ -4,7 +4,9 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
+from joybridge.adapters.pygame_programs.tape import read_tape
 from joybridge.adapters.tapes import record, replay
 from joybridge.contract.errors import JoybridgeError
 from joybridge.simulator.program_options import split_arguments
@@ -18,7 +20,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         if options.what == "record":
             program = shlex.join([options.program, *options.settings, *(["--", *own] if own else [])])
             frames = record(program, options.tape, seed=options.seed, decisions=options.decisions)
-            print(f"{options.tape}: {frames} frames\nnext: {shlex.join(['joybridge', 'tape', 'replay', options.tape])}")
+            decisions = len(read_tape(Path(options.tape)).acts)
+            print(f"{options.tape}: {decisions} decisions, {frames} frames")
+            print(f"next: {shlex.join(['joybridge', 'tape', 'replay', options.tape])}")
         else:
             print(f"{replay(options.tape, options.program)} frames are as on the tape")
     except JoybridgeError as error:

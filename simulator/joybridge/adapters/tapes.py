@@ -56,6 +56,8 @@ def replay(tape: str | Path, program: str = "", pictures: str | Path | None = No
         shown = Path(pictures or tape.parent) / f"{tape.stem}-frame-{found.frame}.png"
         expected = read.picture(found.decision)
         text = f"{found}: {_beside(expected, found.picture, shown)}; if the change is meant, record the tape again"
+        if not found.decision:
+            text += ". So early, it may be what the program has saved beside itself and shows, such as a high score"
         before, now = read.note.get("pygame", ""), pygame_version()
         drawn = f"; it was recorded with {before}, and this is {now}" if before and before != now else ""
         raise TapeError(f"{text}{drawn}") from None

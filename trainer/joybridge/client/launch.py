@@ -8,14 +8,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
+from threading import Thread, Timer
 
 from joybridge.client.errors import SimulatorLost
 from joybridge.contract.address import READY
+from joybridge.progress import SILENCE_SECONDS, say
 
 __all__ = ["announcing", "simulator_process"]
 
 ENDING_SECONDS = 5.0
+WAITING = "waiting for a simulator that was started to be ready; on a busy machine it takes longer"
 LOST_SECONDS = 0.5  # the same after an error or an interrupt: perhaps it no longer listens to anything
 # -P: a folder joybridge/ or a file tools.py in the current folder is not imported in place of the installed modules.
 # -u: what games print appears at once.
@@ -64,6 +66,9 @@ def announcing(command: Sequence[str], failure: str, environment: Mapping[str, s
     )
     printer: Thread | None = None
     patience = LOST_SECONDS
+    waiting = Timer(SILENCE_SECONDS, say, [WAITING])
+    waiting.daemon = True
+    waiting.start()
     try:
         assert process.stdout is not None
         last_line, held = "", ""
@@ -80,12 +85,14 @@ def announcing(command: Sequence[str], failure: str, environment: Mapping[str, s
         else:
             reason = last_line.removeprefix("error: ") or f"exit status {process.wait()}"
             raise SimulatorLost(failure + reason)
+        waiting.cancel()
         # Without a reader, a game that prints would block once the pipe is full.
         printer = Thread(target=sys.stderr.writelines, args=(process.stdout,), daemon=True)
         printer.start()
         yield line.removeprefix(READY).strip()
         patience = ENDING_SECONDS
     finally:
+        waiting.cancel()
         process.terminate()
         try:
             process.wait(patience)

@@ -22,6 +22,8 @@ LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usu
 MORE_ENTROPY = 1.0  # nats, at least, beside twice as much as at first; training makes most policies more certain
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
+PAID = 3  # rewards of an episode, from which on it is no chance that one decision takes back their sum
+TAKEN_BACK = 3  # episodes in which that has happened
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
 
 
@@ -49,6 +51,12 @@ class Adviser:
         self._sensors, self._rewards, self._kl = True, True, True  # may still be warned of
         self._entropy: float | None = None  # of the first update; infinite once it is said that it rises
         self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
+        lanes = policy.rollout.rewards.shape[1]
+        self._sums, self._paid = (
+            np.zeros(lanes),
+            np.zeros(lanes, int),
+        )  # of rewards in each episode, and how many since it was 0
+        self._taken_back = 0  # episodes whose rewards one decision took back, at least TAKEN_BACK once it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
         self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
@@ -82,6 +90,12 @@ class Adviser:
                 "what leads there"
             )
             self._unpaid = None
+        if self._taken_back < TAKEN_BACK and self._count_taken_back() >= TAKEN_BACK:
+            yield (
+                f"{name}: in {self._taken_back} episodes one decision took back all that was paid before, as where a "
+                "game begins anew and its score falls to 0: let the episode end there, for a pygame program by "
+                "done=TEXT or a hook's done, if a key skips the screen with this text"
+            )
         for button, before, now in self._forgotten(choices):
             yield (
                 f"{name}: {button!r} is pressed in {now:.1%} of the decisions, after {before:.1%}: it may be forgotten "
@@ -113,6 +127,16 @@ class Adviser:
                 "policy.entropy_coef or policy.learning_rate, or go on with the demonstrations beside PPO (--demos)"
             )
             self._entropy = np.inf
+
+    def _count_taken_back(self) -> int:
+        """Return in how many episodes so far one decision, not the last, took back what several had paid."""
+        rollout = self._policy.rollout
+        for rewards, ended in zip(rollout.rewards, rollout.terminated | rollout.truncated, strict=True):
+            back = (self._paid >= PAID) & (rewards < 0) & np.isclose(self._sums, -rewards) & ~ended
+            self._taken_back += int(back.sum())
+            self._sums = np.where(ended, 0.0, self._sums + rewards)
+            self._paid = np.where(np.isclose(self._sums, 0.0), 0, self._paid + (rewards > 0))
+        return self._taken_back
 
     def _weights(self) -> str:
         """Return where a kind of reward gets its weight."""

@@ -1,5 +1,6 @@
 """What is found out about a program by playing it for some seconds before it is served."""
 
+import re
 import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,6 +27,7 @@ TEXT_SECONDS = 3.0  # the same
 TEXT_EPISODES = 20  # the same
 MAX_NUMBERS = 8  # that are shown, and texts
 TEXT_CHARS = 40  # of each text
+NO_SCORE = re.compile(r"\b(time|clock|seconds|fps|high|best)", re.IGNORECASE)  # in texts whose number seldom is one
 HOLD = 0.8  # probability with which random play goes on with what it does
 
 
@@ -92,7 +94,7 @@ def keys_read(processes: ProgramProcesses, look: Look) -> tuple[set[int], list[i
 class Shown(NamedTuple):
     """What the texts of a program have shown in random play."""
 
-    numbers: list[Number]  # first those that change
+    numbers: list[Number]  # first what may be a score, and of that first what changes
     remarks: list[str]
 
 
@@ -125,7 +127,10 @@ def watch_texts(processes: ProgramProcesses, look: Look) -> Shown:
         played = f"{TEXT_DECISIONS - left} decisions of random play"
         later = ", and may come later" if is_end(kind[0]) else ""
         remarks.append(f"{', '.join(kind)} matched nothing in {played}{later}; texts seen (case counts): {seen}")
-    return Shown(sorted(found.values(), key=lambda number: number.low == number.high)[:MAX_NUMBERS], remarks)
+    likely = sorted(
+        found.values(), key=lambda number: (bool(NO_SCORE.search(number.reward)), number.low == number.high)
+    )
+    return Shown(likely[:MAX_NUMBERS], remarks)
 
 
 def is_end(missed: str) -> bool:

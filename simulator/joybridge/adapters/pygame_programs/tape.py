@@ -225,8 +225,7 @@ class Difference(TapeError):
 
     def __init__(self, frame: int, decision: int, picture: Array) -> None:
         """picture: the display after the decision, uint8 [height, width, 3]."""
-        shown = "" if decision else ", unless the program shows what it has saved beside itself, such as a high score"
-        super().__init__(f"frame {frame} is not as on the tape{shown}")
+        super().__init__(f"frame {frame} is not as on the tape")
         self.frame, self.decision, self.picture = frame, decision, picture
 
 

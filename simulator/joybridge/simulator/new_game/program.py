@@ -64,7 +64,7 @@ def write_program(text: str, folder: Path) -> str:
 Say in the hook or by the key `reward` what pays, then train, evaluate the policy and record a video:
 
 {go}  {joybridge} train {shlex.quote(config.name)} --run runs/{shlex.quote(stem)}
-  {joybridge} evaluate runs/{shlex.quote(stem)}
+  {joybridge} evaluate runs/{shlex.quote(stem)} --episodes 20
   {joybridge} record runs/{shlex.quote(stem)} {shlex.quote(stem)}.mp4"""
 
 
