@@ -23,9 +23,9 @@ from joybridge.config.metrics import read_rows
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.layouts import make_acts
 from tests.support.command_line import joybridge
+from tests.support.exported_runs import RUNTIME, load_runtime
 from tests.support.servers import answering_methods
 from tests.support.wire import SECONDS
-from tests.test_export import RUNTIME, load_runtime
 
 VERSIONS = sorted(path for path in (Path(__file__).parent / "data").glob("[0-9]*") if path.is_dir())
 

@@ -13,7 +13,17 @@ from joybridge.config.policy_config import MemoryConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.document import encode
 from tests.support.cpp_player import build_player
-from tests.test_export import EXAMPLES, IMAGES, PLAY_ALL, RUNTIME, SMALL, documents, load_runtime, make_run, pointing
+from tests.support.exported_runs import (
+    EXAMPLES,
+    IMAGES,
+    PLAY_ALL,
+    RUNTIME,
+    SMALL,
+    documents,
+    load_runtime,
+    make_run,
+    pointing,
+)
 
 FINE, REFUSED = 0, 1  # exit statuses; the sanitizer's are others
 FILES = 200
