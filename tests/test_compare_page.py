@@ -190,8 +190,9 @@ def test_a_game_whose_file_changes_between_runs_is_named_on_the_page(tmp_path, m
     assert first.versions["gymnasium"] and first.versions["pygame"] and "stable-baselines3" not in first.versions
     assert list(first.sources) == ["my hook.py", "program.py", "reach_game"] and not changed_sources([first])
     Path("reach_game.py").write_text("REACH = 0.3")
-    note(out, games, [config])
+    note(out, games, [config], ["stable-baselines3"])
     assert changed_sources(read_made_with(out)) == ["reach_game"]
+    assert read_made_with(out)[-1].versions["stable-baselines3"]
     setting = Setting("reach", [1], {"a": ""}, "joybridge compare", [], made_with=read_made_with(out))
     text = page_text(analyze("reward", {"a": runs([1.0])}), setting)
     assert "**The files of reach_game have changed between runs.**" in text.replace("\\", "")

@@ -89,3 +89,20 @@ def test_a_program_gets_the_same_input_from_the_file_as_in_the_training(options,
     )
     (expected,) = json.loads(done.output.splitlines()[-1])["player"]["returns"]
     assert expected and played.stdout.splitlines()[-1] == f"{expected:.0f} []"
+
+
+@pytest.mark.parametrize(
+    ("program", "policy", "message"),
+    [
+        ("none.py", "policy.json", "there is no file none.py"),
+        ("program.py", "none.json", "No such file or directory: 'none.json'"),
+        ("program.py", "program.py", "program.py is no 'joybridge.policy."),
+    ],
+)
+def test_what_cannot_be_played_is_named(program, policy, message, tmp_path):
+    for name in ("policy.py", "play_pygame.py"):
+        shutil.copy(EXAMPLES / name, tmp_path)
+    (tmp_path / "program.py").write_text("[]")
+    command = [sys.executable, "play_pygame.py", program, policy]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr

@@ -30,7 +30,13 @@ def main():
     parser.add_argument("policy", help="policy.json, exported from the run of a training on this program")
     parser.add_argument("--seed", type=int, help="of the samples of the policy; default: another one each time")
     options, own = parser.parse_known_args()
-    Player(Policy(options.policy), np.random.default_rng(options.seed)).take_part()
+    if not Path(options.program).is_file():
+        parser.error(f"there is no file {options.program}")
+    try:
+        player = Player(Policy(options.policy), np.random.default_rng(options.seed))
+    except (OSError, ValueError) as error:
+        parser.error(str(error))
+    player.take_part()
     sys.argv = [options.program, *own]
     sys.path.insert(0, str(Path(options.program).resolve().parent))
     runpy.run_path(options.program, run_name="__main__")
@@ -40,13 +46,13 @@ class Player:
     """Sees the frames that the program shows, and moves and presses what the policy says."""
 
     def __init__(self, policy, random):
-        """Begin an episode. Ends the program if the policy needs what a picture does not show, or has a joystick."""
+        """Begin an episode. Raises ValueError if the policy sees more than a picture, or holds a joystick."""
         self.policy, self.random = policy, random
         names = [part["name"] for part in (*policy.axes, *policy.branches)]
         unknown = [each["name"] for each in policy.sensors if each["name"] not in SENSORS]
         unknown += [name for name in names if not name.startswith(("pointer_", "mouse_", "key_")) and name != "wheel"]
         if unknown:
-            raise SystemExit(f"error: the policy has {unknown[0]}, which is not of the picture, the mouse or the keys")
+            raise ValueError(f"the policy has {unknown[0]}, which is not of the picture, the mouse or the keys")
         self.state = policy.begin(lanes=1)
         self.every, self.frames = int(policy.options.get("decision_interval", 4)), 0
         self.place, self.speed = np.full(2, 0.5), np.zeros(2)  # of the pointer, as parts of the display
@@ -57,10 +63,14 @@ class Player:
         """Take the place of what shows a frame, and of what asks where the mouse is and what is pressed."""
         for name in ("flip", "update"):
             setattr(pygame.display, name, self.after(getattr(pygame.display, name)))
-        pygame.mouse.get_pos = lambda: self.position
-        pygame.mouse.get_rel = self.get_rel
-        pygame.mouse.get_pressed = lambda count=3: tuple(number in self.buttons for number in range(1, count + 1))
-        pygame.key.get_pressed = lambda: Pressed(self.keys)
+        held = {part["name"].partition("_")[0] for part in (*self.policy.axes, *self.policy.branches)}
+        if "pointer" in held:
+            pygame.mouse.get_pos = lambda: self.position
+            pygame.mouse.get_rel = self.get_rel
+        if "mouse" in held:
+            pygame.mouse.get_pressed = lambda count=3: tuple(number in self.buttons for number in range(1, count + 1))
+        if "key" in held:
+            pygame.key.get_pressed = lambda: Pressed(self.keys)
 
     def after(self, show):
         """Return what shows a frame and then lets the policy see it."""

@@ -52,10 +52,8 @@ class Adviser:
         self._entropy: float | None = None  # of the first update; infinite once it is said that it rises
         self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
         lanes = policy.rollout.rewards.shape[1]
-        self._sums, self._paid = (
-            np.zeros(lanes),
-            np.zeros(lanes, int),
-        )  # of rewards in each episode, and how many since it was 0
+        self._sums = np.zeros(lanes)  # of rewards in each episode
+        self._paid = np.zeros(lanes, int)  # how many there were since the sum was 0
         self._taken_back = 0  # episodes whose rewards one decision took back, at least TAKEN_BACK once it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
