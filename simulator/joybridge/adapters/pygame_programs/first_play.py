@@ -15,12 +15,14 @@ from joybridge.adapters.pygame_programs.form import Form, Look, make_form, make_
 from joybridge.adapters.pygame_programs.players import Played, Players
 from joybridge.adapters.pygame_programs.processes import ProgramProcesses
 from joybridge.adapters.pygame_programs.wire import ENDING
+from joybridge.adapters.settings import AdapterError
 from joybridge.contract.spec import choose_options
 from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import GameError
 
 QUIET_FRAMES = 32  # that are played without input to measure their length, if nothing else is played
 WATCHED_FRAMES = 160  # in which one key after the other is pressed
+DRAWN_INTERVAL, DRAWN_DECISIONS = 4, 60  # in which pictures with and without skipped frames are compared
 SAME_FRAMES = (20, 40)  # before and after a snapshot, with random acts
 TEXT_DECISIONS = 200  # in which numbers in texts are looked for, at most
 TEXT_SECONDS = 3.0  # the same
@@ -69,6 +71,11 @@ def first_play(processes: ProgramProcesses, shown: Mapping[str, Any]) -> FirstPl
     else:
         exact, same_times = plays_the_same(processes, look)
         times = max(times, same_times, key=len)
+    if settings.skip_drawing and not draws_anew(processes, look):
+        raise AdapterError(
+            "skip_drawing=true: the program does not draw its whole picture in every frame, so what is seen would "
+            "change; leave it out"
+        )
     paid = bool(settings.rewards or "hook" in settings.texts)
     shown_texts = watch_texts(processes, look) if settings.rewards or settings.done or not paid else Shown([], [])
     numbers = [] if paid else shown_texts.numbers
@@ -152,6 +159,18 @@ def plays_the_same(processes: ProgramProcesses, look: Look) -> tuple[bool, list[
         return same, _times(again)
 
 
+def draws_anew(processes: ProgramProcesses, look: Look) -> bool:
+    """Return whether the last frames of decisions look the same if only they are drawn. Raises GameError."""
+    seen = []
+    for skip_drawing in (False, True):
+        with playing(processes, look, interval=DRAWN_INTERVAL, skip_drawing=skip_drawing) as (players, form):
+            first = players.begin([0], [0])
+            acts = _fresh_acts(form, DRAWN_DECISIONS)
+            seen.append([played.sensors[0] for played in (*first, *players.play(0, acts)) if not played.over])
+    drawn, skipped = seen
+    return len(drawn) == len(skipped) and all(map(np.array_equal, drawn, skipped))
+
+
 class Trial(NamedTuple):
     """Hashes of the frames that were played before a snapshot, and after it by the process itself and by a copy."""
 
@@ -206,13 +225,12 @@ def random_acts(form: Form, seed: int, decisions: int) -> Iterator[bytes]:
 
 @contextmanager
 def playing(
-    processes: ProgramProcesses, look: Look, *, interval: int = 1, hashes: bool = False, watch: str = ""
+    processes: ProgramProcesses, look: Look, *, interval: int = 1, **told: Any
 ) -> Iterator[tuple[Players, Form]]:
-    """Yield a player. interval: frames per decision."""
+    """Yield a player. interval: frames per decision. told: as of `Form.inside`."""
     options = {"decision_interval": str(interval)}
     form = make_form(look, choose_options(options_of(look), options, processes.settings.name))
-    told = form.inside(processes.settings.number("seconds"), hashes=hashes, watch=watch)
-    players = Players(processes, form, told, 1)
+    players = Players(processes, form, form.inside(processes.settings.number("seconds"), **told), 1)
     try:
         yield players, form
     finally:

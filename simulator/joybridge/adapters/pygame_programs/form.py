@@ -178,11 +178,13 @@ class Form(NamedTuple):
             metrics=self.look.metrics,
         )
 
-    def inside(self, seconds: float, *, hashes: bool = False, watch: str = "") -> dict[str, Any]:
+    def inside(
+        self, seconds: float, *, hashes: bool = False, watch: str = "", skip_drawing: bool = False
+    ) -> dict[str, Any]:
         """Return what the program's process needs to know. seconds: for a decision.
 
         hashes: of frames are wanted. watch: "keys" are pressed to find out which of them the program reads, "texts" are
-        searched for numbers.
+        searched for numbers. skip_drawing: only the last frame of a decision is drawn, unless all are wanted.
         """
         return {
             "interval": self.interval,
@@ -197,6 +199,7 @@ class Form(NamedTuple):
             "seconds": seconds,
             "hashes": hashes,
             "watch": watch,
+            "skip_drawing": skip_drawing and not hashes,
             "act_bytes": self.act_bytes,
         }
 

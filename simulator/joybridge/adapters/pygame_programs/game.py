@@ -63,7 +63,11 @@ class PygameGame(BatchedGame):
         device, limit = self._player.device, self._spec.max_episode_decisions
         self._options, self._form = options, make_form(self.look, options)
         self._tapes: dict[int, TapeWriter] = {}  # by arena, if they are wanted
-        told = self._form.inside(self.settings.number("seconds"), hashes="tapes" in self.settings.texts)
+        told = self._form.inside(
+            self.settings.number("seconds"),
+            hashes="tapes" in self.settings.texts,
+            skip_drawing=self.settings.skip_drawing,
+        )
         self._players = Players(self.processes, self._form, told, arenas)
         self._first_arena = first_arena
         self._seed = np.array([seed], np.uint64)

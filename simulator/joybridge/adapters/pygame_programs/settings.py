@@ -21,7 +21,7 @@ NUMBERS = {  # the default of each, and its range
     "max_decisions": (1024, 1, 100_000),
 }
 TEXTS = {"name", "hook", "tapes"}
-FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window"}
+FLAGS = {"mouse", "wheel", "joystick", "snapshots", "window", "skip_drawing"}
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,11 @@ class PygameSettings:
     def window(self) -> bool:
         """Return whether the program is played in its own window, in real time."""
         return self.flags.get("window", False)
+
+    @property
+    def skip_drawing(self) -> bool:
+        """Return whether the program draws only the frames that somebody sees."""
+        return self.flags.get("skip_drawing", False) and not self.window
 
     def inside(self) -> dict[str, object]:
         """Return what the process of the program needs to know."""

@@ -8,6 +8,7 @@ import pygame
 
 Pixels = npt.NDArray[np.uint32]
 
+NOTHING = pygame.Rect(0, 0, 0, 0)  # of the display that is drawn on
 WHOLE_SCREEN = (1280, 720)  # of a program that asks for the size of the desktop
 CANNOT_DRAW = {  # modules whose drawing does not end in a surface, or that need a device which is not there
     "OpenGL": "OpenGL",
@@ -31,6 +32,7 @@ class Display:
     def __init__(self, *, window: bool = False) -> None:
         """Take the place of set_mode and what changes a window. window: leave both as they are."""
         self._set_mode = pygame.display.set_mode
+        self._clip = NOTHING  # of the program, while nothing is drawn
         if window:
             return
         pygame.display.set_mode = self.set_mode
@@ -48,6 +50,18 @@ class Display:
         if width <= 0 or height <= 0:
             width, height = WHOLE_SCREEN
         return self._set_mode((width, height), flags & pygame.RESIZABLE, 32)
+
+    def draw(self, wanted: bool) -> None:
+        """Let the next frame be drawn, or let nothing that the program draws come onto the display."""
+        surface = pygame.display.get_surface()
+        if surface is None:
+            return
+        clip = surface.get_clip()
+        if wanted and clip == NOTHING:
+            surface.set_clip(self._clip)
+        elif not wanted and clip != NOTHING:
+            self._clip = clip
+            surface.set_clip(NOTHING)
 
     def pixels(self) -> Pixels:
         """Return the present picture as 0x00RRGGBB, uint32 [height, width], without a copy where possible."""

@@ -69,6 +69,12 @@ class Player:
         stage.texts.readers.append(self._numbers)
 
     def on_frame(self) -> None:
+        """End a frame, and say whether the next one is drawn."""
+        self._go_on()
+        if self.playing and self._form["skip_drawing"]:
+            self.stage.display.draw(self._frames_left <= 1 or self._kept_size is not None)
+
+    def _go_on(self) -> None:
         """Go on with the decision, or answer and wait for the next one."""
         self.stage.texts.end_frame()
         if not self.playing:
