@@ -39,7 +39,10 @@ def main():
     player.take_part()
     sys.argv = [options.program, *own]
     sys.path.insert(0, str(Path(options.program).resolve().parent))
-    runpy.run_path(options.program, run_name="__main__")
+    try:
+        runpy.run_path(options.program, run_name="__main__")
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 class Player:
