@@ -84,24 +84,26 @@ def test_rewards_beyond_sense_are_named_once():
 
 
 @pytest.mark.parametrize(
-    ("rewards", "ends", "lines"),
+    ("rewards", "ends", "same", "lines"),
     [
-        ([1, 0, 2, 1, -4, 1], False, 1),
-        ([1, 0, 2, 1, -4, 1], True, 0),
-        ([1, 0, 2, 1, -3, 1], False, 0),
-        ([1, -1, 2, -2, 1, -1], False, 0),
+        ([1, 0, 2, 1, -4, 1], False, False, 1),
+        ([1, 0, 2, 1, -4, 1], True, False, 0),
+        ([1, 0, 2, 1, -4, 1], False, True, 0),  # a punishment
+        ([1, 0, 2, 1, -3, 1], False, False, 0),
+        ([1, -1, 2, -2, 1, -1], False, False, 0),
     ],
 )
-def test_a_score_that_falls_back_within_episodes_is_named_once(rewards, ends, lines):
+def test_a_score_that_falls_back_within_episodes_is_named_once(rewards, ends, same, lines):
     policy, adviser = lively("hybrid")
     policy.rollout.rewards[:] = 0.0
-    policy.rollout.rewards[2:8, :TAKEN_BACK] = np.array(rewards)[:, None]
+    sizes = np.ones(TAKEN_BACK) if same else np.arange(1, TAKEN_BACK + 1)
+    policy.rollout.rewards[2:8, :TAKEN_BACK] = np.array(rewards)[:, None] * sizes
     policy.rollout.terminated[6, :TAKEN_BACK] = ends
     policy.rollout.truncated[-1] = True
     found = said(adviser, 3)
     assert len(found) == lines
     if found:
-        assert found[0].startswith(f"player: in {TAKEN_BACK} episodes one decision took back all that was paid before")
+        assert found[0].startswith("player: one decision took back all that several before it had paid (4, 8, 12, …)")
 
 
 @pytest.mark.parametrize(("paid", "lines"), [(0.0, 1), (-0.5, 0)])

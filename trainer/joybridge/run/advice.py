@@ -23,7 +23,7 @@ MORE_ENTROPY = 1.0  # nats, at least, beside twice as much as at first; training
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 PAID = 3  # rewards of an episode, from which on it is no chance that one decision takes back their sum
-TAKEN_BACK = 3  # episodes in which that has happened
+TAKEN_BACK = 3  # different sums of which that has happened; a punishment is always as large
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
 
 
@@ -54,7 +54,7 @@ class Adviser:
         lanes = policy.rollout.rewards.shape[1]
         self._sums = np.zeros(lanes)  # of rewards in each episode
         self._paid = np.zeros(lanes, int)  # how many there were since the sum was 0
-        self._taken_back = 0  # episodes whose rewards one decision took back, at least TAKEN_BACK once it is said
+        self._taken_back = set[float]()  # sums that one decision took back, TAKEN_BACK or more once it is said
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
         self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
@@ -88,11 +88,12 @@ class Adviser:
                 "what leads there"
             )
             self._unpaid = None
-        if self._taken_back < TAKEN_BACK and self._count_taken_back() >= TAKEN_BACK:
+        if len(self._taken_back) < TAKEN_BACK and len(self._note_taken_back()) >= TAKEN_BACK:
+            sums = ", ".join(f"{each:g}" for each in sorted(self._taken_back)[:TAKEN_BACK])
             yield (
-                f"{name}: in {self._taken_back} episodes one decision took back all that was paid before, as where a "
-                "game begins anew and its score falls to 0: let the episode end there, for a pygame program by "
-                "done=TEXT or a hook's done, if a key skips the screen with this text"
+                f"{name}: one decision took back all that several before it had paid ({sums}, …), as where a game "
+                "begins anew and its score falls to 0: let the episode end there, for a pygame program by done=TEXT, "
+                "or by a hook's done if a key skips the screen with this text"
             )
         for button, before, now in self._forgotten(choices):
             yield (
@@ -126,12 +127,12 @@ class Adviser:
             )
             self._entropy = np.inf
 
-    def _count_taken_back(self) -> int:
-        """Return in how many episodes so far one decision, not the last, took back what several had paid."""
+    def _note_taken_back(self) -> set[float]:
+        """Return the sums of what several decisions of an episode had paid and one, not the last, has taken back."""
         rollout = self._policy.rollout
         for rewards, ended in zip(rollout.rewards, rollout.terminated | rollout.truncated, strict=True):
             back = (self._paid >= PAID) & (rewards < 0) & np.isclose(self._sums, -rewards) & ~ended
-            self._taken_back += int(back.sum())
+            self._taken_back |= {round(each, 3) for each in self._sums[back].tolist()}
             self._sums = np.where(ended, 0.0, self._sums + rewards)
             self._paid = np.where(np.isclose(self._sums, 0.0), 0, self._paid + (rewards > 0))
         return self._taken_back
