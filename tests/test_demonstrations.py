@@ -187,6 +187,17 @@ def test_what_a_person_holds_is_demonstrated_and_what_chance_plays_is_not(tmp_pa
     assert all(act[1].choices[0, 0] == 1 for act in stretch.acts)
 
 
+def test_a_program_says_by_an_array_whose_decisions_are_demonstrated(tmp_path, simulator):
+    with Session(simulator, "hybrid", arenas=2, seed=5) as session:
+        demonstration, acts = session.record_demonstration(tmp_path), make_acts(session.spec, 2)
+        for pressed in ([True, False], [False, True]):
+            demonstration.hold([np.flatnonzero(pressed)])
+            session.step(acts)
+        described = session.spec
+    (stretch,) = load_demonstration(tmp_path / "hybrid-0001.demo", described).stretches
+    assert [stretch.demonstrated(number, 0).tolist() for number in (0, 1)] == [[True, False], [False, True]]
+
+
 def test_nobody_learns_from_an_episode_that_is_discarded_while_it_is_played_or_after_its_end(tmp_path, simulator):
     with closing(Arena(simulator, "hybrid", Settings(3, {}, {}), 30.0, tmp_path)) as arena:
         lengths, discarded = [0], []

@@ -6,7 +6,7 @@ system at once: a program that is killed loses none that it has played.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from joybridge.client.recording import COUNT, Kind, Record, Writer, heading
@@ -39,9 +39,9 @@ class DemonstrationLog:
             _step(steps),
         ]
 
-    def hold(self, lanes: Sequence[Sequence[int]] | None) -> None:
+    def hold(self, lanes: Sequence[Iterable[int]] | None) -> None:
         """Say whose decisions are demonstrated from now on: some lanes of each behavior, or None, which means all."""
-        held = None if lanes is None else [list(own) for own in lanes]
+        held = None if lanes is None else [[int(lane) for lane in own] for own in lanes]
         if held != self._held:
             self._held = held
             self._waiting.append(Record(Kind.HELD, json.dumps(held).encode()))
