@@ -9,6 +9,7 @@ program as events and states of the mouse and the keys; everything else is as wi
 import argparse
 import runpy
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,8 @@ def main():
         runpy.run_path(options.program, run_name="__main__")
     except KeyboardInterrupt:
         sys.exit(130)
+    finally:
+        print(player.pace(), file=sys.stderr)
 
 
 class Player:
@@ -58,6 +61,7 @@ class Player:
             raise ValueError(f"the policy has {unknown[0]}, which is not of the picture, the mouse or the keys")
         self.state = policy.begin(lanes=1)
         self.every, self.frames = int(policy.options.get("decision_interval", 4)), 0
+        self.begin = time.monotonic()
         self.place, self.speed = np.full(2, 0.5), np.zeros(2)  # of the pointer, as parts of the display
         self.position, self.moved = (0, 0), (0, 0)
         self.buttons, self.keys = set(), set()
@@ -151,6 +155,11 @@ class Player:
             post(pygame.KEYDOWN if key in keys else pygame.KEYUP, key=key, mod=0, unicode=text, scancode=0)
             if key in keys and text:
                 post(pygame.TEXTINPUT, text=text)
+
+    def pace(self):
+        """Return how fast the program was played: a policy that decides less often than in its training plays worse."""
+        seconds = max(time.monotonic() - self.begin, 1e-9)
+        return f"{self.frames} frames, {self.frames / seconds:.1f} per second, and a decision every {self.every}"
 
     def get_rel(self):
         """Return how far the pointer was moved since the program last asked."""

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 PASSES = 200
 UNSEEN = (
     "What the policy sees may not show when: policy.remember_acts=1 shows it its last decision, such as whether a "
-    "button is down; a larger policy.frame_stack or policy.memory.kind=gru shows it more of the past"
+    "button is down, but no file can hold such a policy; a larger policy.frame_stack or policy.memory.kind=gru shows "
+    "it more of the past"
 )
 
 

@@ -33,7 +33,8 @@ def adapt(text: str) -> type[BatchedGame]:
         look, note = make_look(settings, shown, found.read), ""
         if "keys" not in settings.names:
             named = make_look(settings, shown).keys
-            note = f" Keys in its sources: {_list(named)}; that it was seen to read: {_list(found.read)}."
+            menu = "" if found.read else ", perhaps because a menu came first"
+            note = f" Keys in its sources: {_list(named)}; that it was seen to read: {_list(found.read)}{menu}."
     except BaseException:
         processes.end()
         raise
