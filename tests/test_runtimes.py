@@ -36,12 +36,6 @@ from tests.support.exported_runs import (
 CPP = ("policy", "network", "recurrent", "convolutions", "json")
 
 
-@pytest.fixture(scope="module")
-def runtime():
-    """Return the module in NumPy that the examples contain."""
-    return load_runtime(RUNTIME)
-
-
 @pytest.mark.parametrize(
     "path", ["python/policy.py", "javascript/policy.mjs", *(f"cpp/src/{name}.hpp" for name in CPP)]
 )
@@ -100,13 +94,13 @@ def test_the_runtimes_in_other_languages_remember_as_the_trainer_does(memory, si
 @pytest.mark.parametrize("kind", ["gru", "lstm"])
 @pytest.mark.parametrize("behavior", [0, 1])
 def test_the_runtimes_remember_nothing_of_observations_with_which_they_wait(
-    behavior, kind, simulator, players, runtime, tmp_path
+    behavior, kind, simulator, players, tmp_path
 ):
     policy = SMALL.model_copy(update={"memory": MemoryConfig(kind=kind, size=6)})
     run = make_run(tmp_path / "run", simulator, game="duel", policy=policy)
     decisions, wanted = play_elsewhere(run, simulator, players, 60, index=behavior)
     assert len(wanted) < len(decisions) if behavior else len(wanted) == len(decisions)  # the judge begins with waiting
-    policy = runtime.Policy(run / "policy.json")
+    policy = load_runtime(RUNTIME).Policy(run / "policy.json")
     state, given = policy.begin(1), iter(wanted)
     for decision in decisions:
         sensors = {name: np.array([values]) for name, values in decision["sensors"].items()}

@@ -37,7 +37,7 @@ from joybridge.compare.variants import (
     read_variants,
 )
 from joybridge.config.config import Config, load_config
-from joybridge.config.config_files import dump_yaml, find_config
+from joybridge.config.config_files import dump_yaml, find_config, merge, read_overrides
 from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
@@ -140,7 +140,8 @@ def report(made: Search) -> int:
     best = settings_of(made.ranges, best_trial.params)
     own = own_settings(made.ranges, made.base, made.path, options.overrides)
     file = options.output / "best.yaml"
-    found = with_places(made.config(best).model_dump(), programs_of(options.config, options.typed[0]))
+    places = with_places(programs_of(options.config, options.typed[0]))
+    found = merge(made.config(best).model_dump(), read_overrides(places))
     about = (
         f"{FOUND}{len(trials)} trials of {made.base.end:,} timesteps with seed {made.base.seed}, by {options.metric} "
         f"({best_trial.value:.4g}); searched: {' '.join(map(str, made.ranges))}\n"

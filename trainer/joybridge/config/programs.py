@@ -36,18 +36,12 @@ def programs_of(config: str, overrides: Sequence[str]) -> dict[str, str]:
 
 def with_names(places: Mapping[str, str]) -> list[str]:
     """Return overrides that put the games' names where their places are. Raises ConfigError."""
-    return [f"{key}={json.dumps(name_at(place), ensure_ascii=False)}" for key, place in places.items()]
+    return with_places({key: name_at(place) for key, place in places.items()})
 
 
-def with_places(data: dict[str, Any], places: Mapping[str, str]) -> dict[str, Any]:
-    """Return the data of a configuration with the games' places where their names are, as `programs_of` finds them."""
-    for key, place in places.items():
-        *above, last = key.split(".")
-        node = data
-        for name in above:
-            node = node[name]
-        node[last] = place
-    return data
+def with_places(places: Mapping[str, str]) -> list[str]:
+    """Return overrides that put the games' places where their names are."""
+    return [f"{key}={json.dumps(place, ensure_ascii=False)}" for key, place in places.items()]
 
 
 def merged_place(program: str, trained: str, forced: Sequence[str] = (), held: Sequence[str] = ()) -> str:

@@ -108,22 +108,24 @@ def _with_imported(names: set[str]) -> set[str]:
 
 def _imported(name: str) -> set[str]:
     """Return the modules beside a module, package or program that it imports: paths, as it is one, or names."""
+    path = name.endswith(".py") or Path(name).is_dir()
+    folder = Path(name).parent if path else _folder(name)
+    if folder is None:
+        return set()
     found: set[str] = set()
-    for path in _files(name):
+    for file in _files(name):
         try:
-            tree = ast.parse(read_file(path, MAX_SOURCE_BYTES))
+            nodes = list(ast.walk(ast.parse(read_file(file, MAX_SOURCE_BYTES))))
         except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
             continue
-        nodes = list(ast.walk(tree))
         found |= {one.name for node in nodes if isinstance(node, ast.Import) for one in node.names}
         found |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom) and not node.level}
-    modules = {module.partition(".")[0] for module in found}
-    if name.endswith(".py") or Path(name).is_dir():
-        places = [Path(name).parent / module for module in modules]
-        files = {str(path) for place in places if (path := place.with_suffix(".py")).is_file()}
-        return files | {str(place) for place in places if (place / "__init__.py").is_file()}
-    folder = _folder(name)
-    return {module for module in modules - {name.partition(".")[0]} if folder and _folder(module) == folder}
+    modules = {module.partition(".")[0] for module in found} - {name.partition(".")[0]}
+    files = {module for module in modules if (folder / f"{module}.py").is_file()}
+    packages = {module for module in modules if (folder / module / "__init__.py").is_file()}
+    if not path:
+        return files | packages
+    return {str(folder / f"{module}.py") for module in files} | {str(folder / module) for module in packages}
 
 
 def _folder(name: str) -> Path | None:

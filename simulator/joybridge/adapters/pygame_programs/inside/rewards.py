@@ -116,8 +116,10 @@ class Difference:
         self.value: float | None = None
         self._growth = 0.0
 
-    def see(self, value: float) -> None:
-        """Note the present value."""
+    def see(self, value: float | None) -> None:
+        """Note the present value, if there is one."""
+        if value is None:
+            return
         if self.value is not None:
             self._growth += value - self.value
         self.value = value
@@ -131,7 +133,7 @@ class Difference:
 class Source(NamedTuple):
     """What pays in one channel."""
 
-    look: Callable[[], None]  # at the program, at the end of a frame: what it ends with may be gone a moment later
+    look: Callable[[], None]  # after each frame: a variable may be gone with its function when the program ends
     take: Callable[[], float]  # returns the reward since its last call
     found: Callable[[], bool]  # whether there has been a number, or the sound
 
@@ -145,20 +147,28 @@ def reward_of(source: str, texts: Texts, played: Counter[str]) -> Source:
         def heard() -> float:
             return float(sum(n for file, n in played.items() if _is_sound(file, name)))
 
-        return Source(lambda: difference.see(heard()), difference.take, lambda: heard() > 0)
+        return Source(_nothing, lambda: _take(difference, heard()), lambda: heard() > 0)
     if kind == "attr" and name:
-
-        def read() -> None:
-            if (value := number_at(name)) is not None:
-                difference.see(value)
-
-        return Source(read, difference.take, lambda: difference.value is not None)
+        return Source(
+            lambda: difference.see(number_at(name)),
+            lambda: _take(difference, number_at(name)),
+            lambda: difference.value is not None,
+        )
     nth, text = nth_text(source)
     pattern = _compiled(text)
     if pattern.groups != 1:
         raise ValueError(f"reward {source!r} has {pattern.groups} groups, expected one for the number: Score: (\\d+)")
     texts.search(text, lambda match: _see(difference, match[1]), nth)
-    return Source(lambda: None, difference.take, lambda: difference.value is not None)
+    return Source(_nothing, difference.take, lambda: difference.value is not None)
+
+
+def _nothing() -> None:
+    """Look at nothing: texts and sounds are noted when they come."""
+
+
+def _take(difference: Difference, value: float | None) -> float:
+    difference.see(value)
+    return difference.take()
 
 
 def _see(difference: Difference, text: str) -> None:

@@ -89,7 +89,6 @@ class Score:
     def take(self) -> list[float]:
         """Return the rewards since the last call, by channel."""
         for name, source in self._sources.items():
-            source.look()
             self._earned[name] += source.take()
         earned = list(self._earned.values())
         self._totals = {name: self._totals.get(name, 0.0) + value for name, value in self._earned.items()}
