@@ -13,7 +13,7 @@ import pytest
 from joybridge.compare import command, grid, launch
 from joybridge.compare import page as pages
 from joybridge.compare.job import Job
-from joybridge.compare.launch import check_metric, different_bodies, make_job, scored_policy
+from joybridge.compare.launch import check_metric, different_bodies, make_job, scored_policy, too_short_for_scores
 from joybridge.compare.table import TABLE, add_results, read_table
 from joybridge.compare.tested import SEED, check_test
 from joybridge.compare.variants import (
@@ -495,3 +495,15 @@ def test_the_html_page_is_one_file_that_follows_the_theme(whole):
     assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
     assert not re.search(r'(?:src|srcset|href)="(?!data:|https://github.com)', html)
     assert "prefers-color-scheme: dark" in html and html.count("<table>") == 6
+
+
+def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():
+    spec = pb.GameSpec(max_episode_decisions=100, behaviors=[pb.Behavior(agents_per_arena=2)])
+
+    def said(timesteps: int, metric: str = "reward") -> str:
+        config = Config(game="x", arenas=8, total_timesteps=timesteps, log_interval=50)
+        return too_short_for_scores([Variant("a", config)], [spec], metric)
+
+    assert "episodes that end in the last 1,599 of 15,999 timesteps, and an episode of 100 decisions" in said(15_999)
+    assert "in each of 8 arenas takes 1,600: train for longer, or add --test" in said(15_999)
+    assert not said(16_000) and not said(100, "held_out_reward") and not said(100, "entropy")

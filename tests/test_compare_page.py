@@ -13,7 +13,7 @@ from joybridge.compare import command
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, analyze, least_seeds
 from joybridge.compare.compare import held_out_analysis
 from joybridge.compare.job import Job
-from joybridge.compare.made_with import changed_sources, note
+from joybridge.compare.made_with import MadeWith, changed_sources, note, packages_of
 from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName
 from joybridge.compare.page import page_text, write_page
@@ -27,14 +27,14 @@ from joybridge.compare.variants import (
 from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.run.origin import keep_origin
+from joybridge.run.sources import note_sources
 
 
 def runs(*values: list[float]) -> list[Run]:
     """Return runs with rows of metrics every 100 timesteps, one per second."""
-    return [
-        Run(seed, tuple(Point(100 * i, float(i), value) for i, value in enumerate(each, 1)))
-        for seed, each in enumerate(values)
-    ]
+    rows = [[{"timesteps": 100.0 * i, "seconds": i, "reward": one} for i, one in enumerate(each, 1)] for each in values]
+    return [score_run(each, "x", seed, "reward") for seed, each in enumerate(rows)]
 
 
 def setting_of(analysis: Analysis, missing: list[str]) -> Setting:
@@ -45,10 +45,25 @@ def text_of(analysis: Analysis) -> str:
     return page_text(analysis, setting_of(analysis, []))
 
 
-def test_the_score_of_a_run_is_the_mean_of_its_last_tenth_rounded_up():
+def test_the_score_of_a_run_is_the_mean_over_the_episodes_of_its_last_tenth():
     assert runs([0.0] * 9 + [4.0])[0].score == 4.0
-    assert runs([0.0] * 9 + [4.0, 6.0])[0].score == 5.0
+    assert runs([0.0] * 18 + [4.0, 6.0])[0].score == 5.0
+    assert runs([0.0] * 13 + [6.0])[0].score == 6.0  # more than half of the row before lies outside
     assert runs([3.0])[0].score == 3.0
+
+
+def test_a_score_weighs_rows_by_their_episodes_and_takes_the_last_one_that_has_some():
+    rows = [{"timesteps": 104.0 * i, "reward": 1.0, "entropy": float(i), "episodes": 5.0} for i in range(1, 21)]
+    rows[18] |= {"reward": 7.0, "episodes": 3.0}
+    rows[19] |= {"reward": 3.0, "episodes": 1.0}
+    run = score_run(rows, "x", 0, "reward")
+    assert (run.score, run.ended) == (6.0, 4)
+    assert score_run(rows, "x", 0, "entropy").score == 19.5  # which is not of episodes
+    for row in rows[17:]:
+        del row["reward"]
+        row["episodes"] = 0.0
+    run = score_run(rows, "x", 0, "reward")
+    assert (run.score, run.ended, run.points[-1].timesteps) == (1.0, 5, 17 * 104)
 
 
 def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path):
@@ -58,7 +73,7 @@ def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path
         return score_run(read_rows(path), path.name, 7, "reward")
 
     path.write_text("timesteps,seconds,reward\n100,1,\n200,2,0.5\n300,3,1.5\n")
-    assert read() == Run(7, (Point(200, 2.0, 0.5), Point(300, 3.0, 1.5)))
+    assert read() == Run(7, (Point(200, 2.0, 0.5, begin=100), Point(300, 3.0, 1.5, begin=200)), 300)
     path.write_text("timesteps,reward\n100,nan\n")
     with pytest.raises(CheckpointError, match=r"run-s0.csv: reward is nan after 100 timesteps, expected a finite"):
         read()
@@ -83,9 +98,10 @@ def test_what_was_measured_at_the_end_is_the_score_and_the_curve_is_that_of_the_
     path = tmp_path / "run-s0.csv"
     path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,9\n")
     found = score_run(read_rows(path), path.name, 7, "held_out_reward")
-    assert (found.score, found.points) == (9.0, (Point(100, 1.0, 2.0), Point(200, 2.0, 4.0)))
+    assert (found.score, found.points) == (9.0, (Point(100, 1.0, 2.0), Point(200, 2.0, 4.0, begin=100)))
     path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,7\n200,2,4,9\n")
-    assert score_run(read_rows(path), path.name, 7, "held_out_reward").points == (Point(100, 1, 7), Point(200, 2, 9))
+    points = (Point(100, 1, 7), Point(200, 2, 9, begin=100))
+    assert score_run(read_rows(path), path.name, 7, "held_out_reward").points == points
     path.write_text("timesteps,seconds,reward,held_out_reward\n100,1,2,\n200,2,4,nan\n")
     with pytest.raises(CheckpointError, match="held_out_reward is nan at the end, expected a finite"):
         score_run(read_rows(path), path.name, 7, "held_out_reward")
@@ -177,29 +193,47 @@ def test_a_game_whose_file_changes_between_runs_is_named_on_the_page(tmp_path, m
     Path("reach_game.py").write_text("REACH = 0.1")
     Path("program.py").write_text("import pygame")
     Path("my hook.py").write_text("")
-    games, config = (
-        ["reach_game:Reach", "pygame:program.py keys=LEFT 'hook=my hook.py'", "gym:CartPole-v1"],
-        Config(game="reach"),
-    )
-    out = tmp_path / "out"
+    games = ["reach_game:Reach", "pygame:program.py keys=LEFT 'hook=my hook.py'", "gym:CartPole-v1"]
+    out, packages = tmp_path / "out", packages_of(games)
     out.mkdir()
-    for _ in range(2):
-        note(out, games, [config])
-    (first,) = read_made_with(out)
-    assert first.versions["torch"] and first.versions["joybridge"].startswith("0.1.0")
-    assert first.versions["gymnasium"] and first.versions["pygame"] and "stable-baselines3" not in first.versions
-    assert list(first.sources) == ["my hook.py", "program.py", "reach_game"] and not changed_sources([first])
+
+    def trained(name: str, games: list[str]) -> Path:
+        keep_origin(out / name)
+        note_sources(out / name, games, Config(game="reach"))
+        return out / name
+
+    for name in ("a-s0", "a-s1", "a-s2"):
+        (out / name).mkdir()
+    first, second, third = (trained(name, games) for name in ("a-s0", "a-s1", "a-s2"))
+    note(out, [first, out / "deleted"], packages)
+    note(out, [first, second], packages)
+    (noted,) = read_made_with(out)
+    assert noted.versions["torch"] and noted.versions["joybridge"].startswith("0.1.0") and "cores" in noted.machine
+    assert noted.versions["gymnasium"] and noted.versions["pygame"] and "stable-baselines3" not in noted.versions
+    assert list(noted.sources) == ["my hook.py", "program.py", "reach_game"] and not changed_sources([noted])
     Path("reach_game.py").write_text("REACH = 0.3")
-    note(out, games, [config], ["stable-baselines3"])
+    trained("a-s2", games[:1])
+    note(out, [first, second, third], [*packages, "stable-baselines3"])
     assert changed_sources(read_made_with(out)) == ["reach_game"]
     assert read_made_with(out)[-1].versions["stable-baselines3"]
     setting = Setting("reach", [1], {"a": ""}, "joybridge compare", [], made_with=read_made_with(out))
     text = page_text(analyze("reward", {"a": runs([1.0])}), setting)
     assert "**The files of reach_game have changed between runs.**" in text.replace("\\", "")
-    assert text.count("\n- python 3") == 2
     (out / "made_with.json").write_text("{")
     with pytest.raises(ConfigError, match=r"made_with\.json cannot be read .*; delete it, it is only for people"):
         read_made_with(out)
+
+
+def test_the_page_of_a_test_says_what_was_played_and_that_it_is_not_what_was_trained():
+    trained, played = MadeWith({"python": "3.11"}, {"reach": "a1"}, "a machine"), MadeWith({}, {"reach": "b2"})
+    setting = Setting(
+        "reach", [1], {"a": ""}, "joybridge compare", [], test="under x", made_with=[trained], played=played
+    )
+    text = page_text(analyze("reward", {"a": runs([1.0])}), setting)
+    assert "**The files of reach have changed since these runs were trained.**" in text
+    assert "- python 3.11, reach (files a1); on a machine\n- the test: reach (files b2)" in text
+    again = page_text(analyze("reward", {"a": runs([1.0])}), replace(setting, played=trained))
+    assert "have changed" not in again
 
 
 def test_pairs_that_differ_in_one_named_key_alone_are_tested():
@@ -252,7 +286,7 @@ def test_the_page_says_how_many_held_out_episodes_are_behind_a_score():
     last = {"timesteps": 200.0, "reward": 2.0, "held_out_reward": 3.0, "held_out_episodes": 1500.0}
     assert "of the 1,500 episodes that its policy plays at the end" in text([{"timesteps": 100.0, "reward": 1.0}, last])
     between = {"timesteps": 100.0, "held_out_reward": 1.0, "held_out_episodes": 1500.0}
-    assert "of its rows of metrics that have it, each of 1,500 episodes" in text([between, last])
+    assert "of the rows of metrics in the last tenth of its timesteps, each of 1,500 episodes" in text([between, last])
 
 
 def test_the_page_says_how_many_episodes_of_the_training_are_behind_a_score():
@@ -264,11 +298,15 @@ def test_the_page_says_how_many_episodes_of_the_training_are_behind_a_score():
         ]
         return text_of(analyze("reward", {"a": [replace(run, **measured) for run in several]}))
 
-    assert "the last tenth of its rows of metrics, in which 51 to 90 episodes end; higher" in text(1.0, 40.0)
+    assert "of the 51 to 90 episodes that end in the last tenth of its timesteps, or" in text(1.0, 40.0)
     assert "rests on" not in text(1.0, 40.0)
     rows = [{"timesteps": 100.0, "reward": 1.0, "episodes": 1.0}]
     few = text_of(analyze("reward", {"a": [score_run(rows, "x", 0, "reward")]}))
-    assert "in which 1 episode ends; higher" in few and "**A score rests on 1 episode.**" in few and "`--test`" in few
+    assert (
+        "of the 1 episode that ends in the last" in few
+        and "**A score rests on 1 episode.**" in few
+        and "`--test`" in few
+    )
     assert "rests on" not in text(1.0, measured=3.0, episodes=5)
 
 

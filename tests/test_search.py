@@ -460,7 +460,8 @@ def test_own_settings_are_those_of_the_configuration_if_the_ranges_have_them(sma
 
 
 def test_only_rows_until_a_rung_count():
-    run = Run(0, (Point(104, 0.0, 1.0), Point(208, 0.0, 2.0), Point(304, 0.0, 3.0)))
+    ends = (104, 208, 304)
+    run = Run(0, tuple(Point(end, 0.0, float(i), begin=end - 104) for i, end in enumerate(ends, 1)), 304)
     assert score_at(run, 200, 2000, 100) == 1.5  # two of twenty
     assert score_at(run, 200, 1000, 100) == 2.0
     assert score_at(run, 99, 1000, 100) is None

@@ -7,7 +7,7 @@ be deleted.
 """
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,8 +26,9 @@ from joybridge.compare.launch import (
     scored_policy,
     seeds,
     served_specs,
+    too_short_for_scores,
 )
-from joybridge.compare.made_with import changed_sources
+from joybridge.compare.made_with import MadeWith, changed_sources, made_with, note, packages_of
 from joybridge.compare.made_with import read as read_made_with
 from joybridge.compare.names import ResultName, page_mark
 from joybridge.compare.over import Over, over_table, trained_span, write_over_page
@@ -39,6 +40,7 @@ from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.tested import check_test, test_marks, test_runs, test_words
 from joybridge.compare.variants import (
+    PACKAGES,
     SEARCH,
     Variant,
     beside,
@@ -56,7 +58,9 @@ from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.origin import own_origin
 from joybridge.run.run_lock import locked
+from joybridge.run.sources import marks
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -96,21 +100,15 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         for seed in seeds(options)
         for variant, spec in zip(variants, specs, strict=True)
     }
-    if len(variants) > 1:
-        say(f"{len(variants)} variants: {listed([variant.label for variant in variants])}")
     pairs = pairs_to_test(variants, options.pairs)
-    if pairs and options.seeds < (least := least_seeds(len(pairs))):
-        say(
-            f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
-            f"--seeds {least} is the least number with which they can"
-            f"{'' if options.pairs else ', or fewer pairs (--pairs)'}"
-        )
-    if warning := different_bodies(variants, specs):
-        say(warning)
-    noted = read_made_with(options.output)
-    if changed := changed_sources(noted):
-        say(f"{', '.join(changed)}: the files have changed between runs of {options.output}; the page says so")
-    failed = train(list(jobs), options)
+    sources = marks(options.game, [variant.config for variant in variants])
+    for text in remarks(variants, specs, options, sources):
+        say(text)
+    packages = packages_of(options.game, sorted({PACKAGES[variant.by] for variant in variants if variant.by}))
+    try:
+        failed = train(list(jobs), options)
+    finally:
+        note(options.output, [job.run for job in jobs], packages)
     results = read_table(options.output)
     done: dict[Job, Run] = {}
     for job in jobs:
@@ -129,7 +127,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     if not scored[0]:
         raise ConfigError("there is nothing to compare, because every run is missing")
     differing = settings_block(variants, [find_config(config) for config in (options.config, *options.also)])
-    if warning:
+    if warning := different_bodies(variants, specs):
         differing = f"{differing or '## What differs'}\n\n{escaped(warning[0].upper() + warning[1:])}."
     setting = Setting(
         game=variants[0].config.game,
@@ -142,7 +140,8 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         test=test_words(options),
         figures=options.figures,
         left_out=[name for name in read_variants(options.output) if name not in {each.name for each in variants}],
-        made_with=noted,
+        made_with=read_made_with(options.output),
+        played=None if options.test is None else made_with(own_origin(), sources, packages),
     )
     if options.over:
         trained = trained_span(variants, specs, options.over.key)
@@ -162,6 +161,31 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     if has_checkpoint(best := best_run(analysis, jobs)):
         say_next("evaluate", str(best))
     return 1 if missing else 0
+
+
+def remarks(
+    variants: Sequence[Variant], specs: Sequence[pb.GameSpec], options: argparse.Namespace, sources: dict[str, str]
+) -> Iterator[str]:
+    """Yield what is said before variants are trained. sources: marks of the files as they are now."""
+    if len(variants) > 1:
+        yield f"{len(variants)} variants: {listed([variant.label for variant in variants])}"
+    pairs = pairs_to_test(variants, options.pairs)
+    if pairs and options.seeds < (least := least_seeds(len(pairs))):
+        yield (
+            f"with {options.seeds} seeds, no two of {len(variants)} variants can differ significantly; "
+            f"--seeds {least} is the least number with which they can"
+            f"{'' if options.pairs else ', or fewer pairs (--pairs)'}"
+        )
+    if warning := different_bodies(variants, specs):
+        yield warning
+    if options.test is None and (short := too_short_for_scores(variants, specs, options.metric)):
+        yield short
+    if changed := changed_sources([*read_made_with(options.output), MadeWith({}, sources)]):
+        then = "the test plays them as they are now, and " if options.test is not None else ""
+        yield (
+            f"the files of {', '.join(changed)} have changed since runs of {options.output} were trained; {then}the "
+            "page says so"
+        )
 
 
 def by_variant(runs: Mapping[Job, Run], labels: Mapping[Job, str]) -> dict[str, list[Run]]:

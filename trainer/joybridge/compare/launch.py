@@ -8,11 +8,11 @@ from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.environments import environment_of
 from joybridge.compare.job import Job, PeerJob, Process, start
-from joybridge.compare.made_with import note
-from joybridge.compare.variants import PACKAGES, TRAINERS, Variant, check_game, keep
+from joybridge.compare.scores import PARTS
+from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.metrics import HELD_OUT, is_builtin_metric, measured_columns, training_columns
+from joybridge.config.metrics import HELD_OUT, is_builtin_metric, is_of_episodes, measured_columns, training_columns
 from joybridge.layouts import list_roles
 from joybridge.plugins import load
 from joybridge.policy.config_fit import check_fit, fitting_spec
@@ -32,8 +32,6 @@ def served_specs(variants: Sequence[Variant], options: argparse.Namespace) -> li
         check_variant(variant, spec)
         check_game(variant, spec, options.output)
     keep(variants, specs, options.output)
-    others = sorted({PACKAGES[variant.by] for variant in variants if variant.by})
-    note(options.output, options.game, [variant.config for variant in variants], others)
     return specs
 
 
@@ -75,6 +73,25 @@ def check_metric(variant: Variant, spec: pb.GameSpec, metric: str, behavior: str
         training = "" if variant.by else f"; of the training: {', '.join(training_columns())}, entropy_BRANCH"
         whose = f"a run of {TRAINERS[variant.by]}" if variant.by else spec.name
         raise ConfigError(f"--metric got {metric!r}; {whose} has {', '.join(measured)}{more}{training}")
+
+
+def too_short_for_scores(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], metric: str) -> str:
+    """Return a warning if few of the longest episodes can end where a score counts them; "" if enough can.
+
+    A score of held-out episodes needs none of them.
+    """
+    for variant, spec in zip(variants, specs, strict=True):
+        config = variant.config
+        scored = max(config.end // PARTS, config.log_interval)
+        longest = config.arenas * spec.max_episode_decisions * spec.behaviors[0].agents_per_arena
+        if longest > scored and is_of_episodes(metric):
+            return (
+                f"a score is the mean over the episodes that end in the last {scored:,} of "
+                f"{config.end:,} timesteps, and an episode of {spec.max_episode_decisions:,} decisions in each "
+                f"of {config.arenas} arenas takes {longest:,}: train for longer, or add --test or "
+                "evaluate_during.episodes=30, which play whole episodes"
+            )
+    return ""
 
 
 def different_bodies(variants: Sequence[Variant], specs: Sequence[pb.GameSpec]) -> str:

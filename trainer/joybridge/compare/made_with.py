@@ -5,48 +5,70 @@ A run that is added later may be of another game under the same name. A spec doe
 
 import json
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from platform import python_version
 from typing import NamedTuple
 
 from joybridge.compare.page_parts import escaped
-from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
-from joybridge.run.origin import commit
-from joybridge.run.sources import marks
+from joybridge.run.origin import Origin, run_origins
+from joybridge.run.sources import noted_sources
 
 FILE = "made_with.json"  # in the folder of a comparison
 MAX_BYTES = 2**20  # of it
-PACKAGES = ("joybridge", "torch", "numpy", "numba")
+PACKAGES = ("torch", "numpy", "numba")
 OF_GAMES = {"gym": ["gymnasium"], "pettingzoo": ["pettingzoo"], "pygame": ["pygame", "pygame-ce"]}  # by kind
 
 
 class MadeWith(NamedTuple):
-    """What runs that were started together were made with."""
+    """What runs were made with that differ in nothing of it."""
 
     versions: dict[str, str]
     sources: dict[str, str]  # a mark of the files of each module or program
+    machine: str = ""
 
 
-def note(folder: Path, games: Sequence[str], configs: Sequence[Config], more: Sequence[str] = ()) -> None:
-    """Add to the folder what its next runs are made with, once. Raises ConfigError and StorageError.
+def packages_of(games: Sequence[str], more: Sequence[str] = ()) -> list[str]:
+    """Return the packages that play a part.
 
     games: of the command line, "MODULE:CLASS", "gym:MODULE:ID" or "pygame:PROGRAM" each. more: packages besides.
     """
-    of_games = [
-        name for kind, names in OF_GAMES.items() if any(game.startswith(f"{kind}:") for game in games) for name in names
-    ]
-    packages = [*PACKAGES, *of_games, *more]
-    versions = {"python": python_version()} | {name: found for name in packages if (found := _version(name))}
-    if mark := commit():
-        versions["joybridge"] += f" ({mark})"
-    now = MadeWith(versions, marks(games, configs))
-    if now not in (known := read(folder)):
-        lines = ",\n".join(json.dumps(each._asdict()) for each in (*known, now))
+    kinds = {game.partition(":")[0] for game in games}
+    return [*PACKAGES, *(name for kind, names in OF_GAMES.items() if kind in kinds for name in names), *more]
+
+
+def made_with(origin: Origin, sources: dict[str, str], packages: Sequence[str]) -> MadeWith:
+    """Return what a run was made with, from where it ran, the marks of its sources, and the packages that count."""
+    installed = {name.lower().replace("_", "-"): version for name, version in origin.packages.items()}
+    joybridge = origin.joybridge + (f" ({origin.commit})" if origin.commit else "")
+    versions = {"python": origin.python, "joybridge": joybridge}
+    versions |= {name: installed[name] for name in packages if name in installed}
+    return MadeWith(versions, sources, f"{origin.processor or origin.system}, {origin.cores} cores")
+
+
+def note(folder: Path, runs: Sequence[Path], packages: Sequence[str]) -> None:
+    """Add to the folder what runs were made with, from what each of them has noted. Raises ConfigError, StorageError.
+
+    Runs that have noted nothing, or are deleted, are left out. packages: as of `packages_of`.
+    """
+    noted = before = read(folder)
+    for run in runs:
+        for origin in run_origins(run)[-1:]:
+            noted = _together(noted, made_with(origin, noted_sources(run), packages))
+    if noted != before:
+        lines = ",\n".join(json.dumps(each._asdict()) for each in noted)
         write_atomically(folder / FILE, f"[\n{lines}\n]\n".encode())
+
+
+def _together(noted: list[MadeWith], new: MadeWith) -> list[MadeWith]:
+    """Return what is noted with a run more, in the line of those that differ from it in nothing that both have."""
+    for at, each in enumerate(noted):
+        alike = (each.versions, each.machine) == (new.versions, new.machine)
+        if alike and all(each.sources.get(name, mark) == mark for name, mark in new.sources.items()):
+            both = dict(sorted((each.sources | new.sources).items()))
+            return [*noted[:at], each._replace(sources=both), *noted[at + 1 :]]
+    return [*noted, new]
 
 
 def read(folder: Path) -> list[MadeWith]:
@@ -54,7 +76,8 @@ def read(folder: Path) -> list[MadeWith]:
     path = folder / FILE
     try:
         return [
-            MadeWith(dict(each["versions"]), dict(each["sources"])) for each in json.loads(read_file(path, MAX_BYTES))
+            MadeWith(dict(each["versions"]), dict(each["sources"]), str(each.get("machine", "")))
+            for each in json.loads(read_file(path, MAX_BYTES))
         ]
     except FileNotFoundError:
         return []
@@ -71,18 +94,14 @@ def changed_sources(noted: Sequence[MadeWith]) -> list[str]:
     return sorted(name for name, found in marks.items() if len(found) > 1)
 
 
-def made_with_block(noted: Sequence[MadeWith]) -> str:
-    """Return the section of the page as Markdown, "" if nothing is known."""
-    lines = []
-    for versions, sources in noted:
-        words = [f"{name} {found}" for name, found in versions.items()]
-        words += [f"{name} (files {mark})" for name, mark in sources.items()]
-        lines.append(f"- {escaped(', '.join(words))}")
+def made_with_block(noted: Sequence[MadeWith], played: MadeWith | None) -> str:
+    """Return the section of the page as Markdown, "" if nothing is known. played: what a test was made with."""
+    lines = [f"- {_words(each)}" for each in noted]
+    lines += [f"- the test: {_words(played)}"] if played else []
     return "\n".join(["## Made with", "", *lines]) if lines else ""
 
 
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
+def _words(each: MadeWith) -> str:
+    words = [f"{name} {found}" for name, found in each.versions.items()]
+    words += [f"{name} (files {mark})" for name, mark in each.sources.items()]
+    return escaped("; ".join([", ".join(words), *([f"on {each.machine}"] if each.machine else [])]))

@@ -119,7 +119,7 @@ def page_text(over: Over, setting: Setting) -> str:
     caption = f"{over.center} over runs of each variant, with its 95 % interval, over {key}{trained}"
     blocks += [picture_block(f"scores{setting.mark}", caption)]
     blocks += [setting.differing] if setting.differing else []
-    blocks += [made_with] if (made_with := made_with_block(setting.made_with)) else []
+    blocks += [made_with] if (made_with := made_with_block(setting.made_with, setting.played)) else []
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 
@@ -157,6 +157,7 @@ def as_data(over: Over, setting: Setting) -> dict[str, Any]:
         "key": over.sweep.key,
         "missing": list(setting.missing),
         "made_with": [each._asdict() for each in setting.made_with],
+        "played_with": setting.played and setting.played._asdict(),
         "variants": [
             {
                 "label": label,

@@ -102,7 +102,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     if not setting.test:
         blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]
         blocks += ["## Wall-clock time", _wall_clock(analysis)]
-    blocks += [made_with] if (made_with := made_with_block(setting.made_with)) else []
+    blocks += [made_with] if (made_with := made_with_block(setting.made_with, setting.played)) else []
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"
 
@@ -119,15 +119,26 @@ def _introduction(analysis: Analysis, setting: Setting) -> str:
     score = (
         f"mean *{metric}* of the {episodes}episodes that its policy plays {when}; curves and times are {curves}"
         if measured
-        else f"mean *{metric}* of the last tenth of its rows of metrics"
-        + (f" that have it, each of {episodes}episodes" if episodes else _ended(analysis))
+        else f"mean *{metric}* of the rows of metrics in the last tenth of its timesteps, each of {episodes}episodes"
+        if episodes
+        else f"mean *{metric}* {_ended(analysis)}"
     )
     policies = [f"{escaped(name)} for {escaped(label)}" for label, name in setting.policies.items() if name]
     several = f" Where several policies play, it is that of one of them: {', '.join(policies)}."
     return (
-        f"{runs_text(counts)} of {length} timesteps per variant. The score of a run is the {score}; "
-        f"higher is better.{several if policies else ''}{intervals_sentences(counts)}"
+        f"{runs_text(counts)} of {length} timesteps per variant, with {_seeds(analysis)}. "
+        f"The score of a run is the {score}; higher is better.{several if policies else ''}"
+        f"{intervals_sentences(counts)}"
     )
+
+
+def _seeds(analysis: Analysis) -> str:
+    """Return the seeds of all runs in words."""
+    seeds = sorted({run.seed for result in analysis.results for run in result.runs})
+    if len(seeds) == 1:
+        return f"the seed {seeds[0]}"
+    whole = seeds == [*range(seeds[0], seeds[-1] + 1)]
+    return f"the seeds {f'{seeds[0]} to {seeds[-1]}' if whole else ', '.join(map(str, seeds))}"
 
 
 def runs_text(counts: Sequence[int]) -> str:
@@ -172,10 +183,15 @@ def _episodes(analysis: Analysis) -> str:
 
 
 def _ended(analysis: Analysis) -> str:
-    """Return how many episodes of the training are behind the scores, as the end of a sentence; "" if not known."""
+    """Return of what in the training a score is the mean: of how many episodes, if that is known."""
     counts = sorted({run.ended for result in analysis.results for run in result.runs})
-    several = f"{counts[0]:,} to {counts[-1]:,} episodes end" if len(counts) > 1 else f"{counts[0]:,} episodes end"
-    return f", in which {several if counts[-1] > 1 else '1 episode ends'}" if counts[0] else ""
+    if not counts[0]:
+        return "of the last tenth of its timesteps"
+    number = f"{counts[0]:,} to {counts[-1]:,}" if len(counts) > 1 else f"{counts[0]:,}"
+    return (
+        f"of the {number} {'episodes that end' if counts[-1] > 1 else 'episode that ends'} in the last tenth of its "
+        "timesteps, or at least in its last row of metrics that has one"
+    )
 
 
 def few_episodes(analysis: Analysis) -> str:
@@ -194,6 +210,11 @@ def warnings(setting: Setting) -> list[str]:
         blocks.append(
             f"**The files of {', '.join(map(escaped, changed))} have changed between runs.** If what they do has "
             "changed, the runs are of several games or layouts under one name: train all of them in another folder."
+        )
+    if setting.played and (other := changed_sources([*setting.made_with, setting.played])) and other != changed:
+        blocks.append(
+            f"**The files of {', '.join(map(escaped, other))} have changed since these runs were trained.** The test "
+            "plays them as they are now."
         )
     return blocks
 
@@ -287,6 +308,8 @@ def _better(analysis: Analysis) -> str:
                 f"- {escaped(better)} ({analysis.center} {number_text(by_label[better].iqm.value)}) is better than "
                 f"{escaped(worse)} ({number_text(by_label[worse].iqm.value)}), p = {pair.corrected:.2g}."
             )
+    if lines and (few := few_episodes(analysis)):
+        lines.append(f"\n{few}, so this is about the episodes that happened to end there. `--test` says more.")
     return "\n".join(lines) or "No two variants differ significantly."
 
 

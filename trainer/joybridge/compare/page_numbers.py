@@ -34,7 +34,8 @@ class Setting:
     figures: str = ""  # the format in which pictures are also written, for a paper
     left_out: Sequence[str] = ()  # variants in the same folder that are not compared, the names of their files
     held_out: Analysis | None = None  # of the same runs and metric, where it was measured beside the training
-    made_with: Sequence[MadeWith] = ()  # in the order of the starts of the runs
+    made_with: Sequence[MadeWith] = ()  # the runs
+    played: MadeWith | None = None  # what the test was made with
 
 
 def scores_csv(analysis: Analysis) -> str:
@@ -132,6 +133,7 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
         "score_given": analysis.score_given,
         "missing": list(setting.missing),
         "made_with": [each._asdict() for each in setting.made_with],
+        "played_with": setting.played and setting.played._asdict(),
         "variants": [
             {
                 "label": result.label,

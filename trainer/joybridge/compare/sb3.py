@@ -34,6 +34,7 @@ from joybridge.config.metrics import HELD_OUT, Cells, Row, write_cells
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.origin import keep_origin
+from joybridge.run.sources import note_sources
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
@@ -63,6 +64,7 @@ def train(options: argparse.Namespace) -> None:
     (run / FINISHED).unlink(missing_ok=True)
     keep_origin(run)
     environment = options.environment or config.game
+    note_sources(run, [f"gym:{environment}"], config)
     env = _environments(environment, config.arenas, config.seed)
     if policy.scale_observations == "running" or policy.scale_rewards:
         env = VecNormalize(

@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import fsum
-from statistics import mean
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from joybridge.config.errors import CheckpointError, ConfigError
-from joybridge.config.metrics import HELD_OUT, Row
+from joybridge.config.metrics import HELD_OUT, Row, is_of_episodes
 
 EPISODES = f"{HELD_OUT}episodes"
-T = TypeVar("T")
-FINAL = 0.1  # of the rows of metrics: their mean is the score of a run
+PARTS = 10  # of the timesteps of a run: the mean over the episodes that end in the last one is its score
 LEAST = 10  # episodes, over which a run reaches a score
 
 
@@ -23,7 +21,8 @@ class Point(NamedTuple):
     timesteps: int
     seconds: float  # of wall-clock time since the run began; not a number in files without them
     value: float
-    episodes: int = 0  # of which it is the mean; 0: not known, or it was measured and each counts
+    episodes: int = 0  # of which it is the mean; 0: not known, not of episodes, or it was measured and each counts
+    begin: int = 0  # timesteps, of the row
 
 
 @dataclass(frozen=True)
@@ -32,16 +31,19 @@ class Run:
 
     seed: int
     points: tuple[Point, ...]  # at least one
+    end: int  # timesteps of its last row, whether that is a point or not
     measured: float | None = None  # by an evaluation at the end, of which the points are none
     episodes: int = 0  # of the last held-out measurement, if its values are compared
-    ended: int = 0  # episodes of the training that ended in the rows of the score; 0: not known
 
     @cached_property
     def score(self) -> float:
-        """Return what was measured at the end, or the mean value of the last tenth of the rows, at least one."""
-        if self.measured is not None:
-            return self.measured
-        return mean(point.value for point in _last(self.points, len(self.points)))
+        """Return what was measured at the end, or the mean over the episodes that end in the last tenth of the run."""
+        return _mean(_last(self.points, self.end, self.end)) if self.measured is None else self.measured
+
+    @property
+    def ended(self) -> int:
+        """Return how many episodes of the training are behind the score; 0: not known."""
+        return sum(point.episodes for point in _last(self.points, self.end, self.end))
 
     @property
     def seconds(self) -> float:
@@ -64,14 +66,12 @@ class Run:
 def score_at(run: Run, rung: int, end: int, interval: int) -> float | None:
     """Return what the score of a run was at a rung, an end of a row before its end; None if it had no value there.
 
-    It is the mean of as many rows as a whole run has in its score, if its rows go on as they came until there.
+    It is the mean over the episodes that end in as many timesteps before it as count for the score of a whole run.
 
     rung, end: timesteps, of the run the latter. interval: timesteps between two rows of metrics.
     """
     points = [point for point in run.points if point.timesteps // interval <= rung // interval]
-    if not points:
-        return None
-    return mean(point.value for point in _last(points, len(points) * (end // interval) / (rung // interval)))
+    return _mean(_last(points, rung, end)) if points else None
 
 
 def _together(points: Sequence[Point]) -> Sequence[Point]:
@@ -92,9 +92,10 @@ def _mean(points: Sequence[Point]) -> float:
     return fsum(point.value * (point.episodes or 1) for point in points) / sum(point.episodes or 1 for point in points)
 
 
-def _last(points: Sequence[T], whole: float) -> Sequence[T]:
-    """Return the last points or rows, a tenth of those that a whole run has, at least one."""
-    return points[-math.ceil(FINAL * whole) :]
+def _last(points: Sequence[Point], until: int, end: int) -> Sequence[Point]:
+    """Return the points of which at least half lie in the last timesteps until some, a tenth of `end`; at least one."""
+    begin = until - end / PARTS
+    return [point for point in points if (point.begin + point.timesteps) / 2 >= begin] or points[-1:]
 
 
 def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
@@ -110,9 +111,16 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         trained = score_run(rows, source, seed, metric.removeprefix(HELD_OUT))
         found = _finite(values[0], f"{metric} is {values[0]} at the end", source)
         return replace(trained, measured=found, episodes=episodes)
+    begins = [0, *(int(row["timesteps"]) for row in rows)]
     points = tuple(
-        Point(int(row["timesteps"]), row.get("seconds", math.nan), row[metric], _episodes(row, held_out))
-        for row in rows
+        Point(
+            int(row["timesteps"]),
+            row.get("seconds", math.nan),
+            row[metric],
+            int(row.get("episodes", 0)) if is_of_episodes(metric) else 0,
+            begin,
+        )
+        for begin, row in zip(begins, rows, strict=False)
         if metric in row
     )
     for point in points:
@@ -121,14 +129,7 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
         why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
-    of_score = _last([row for row in rows if metric in row], len(points))
-    ended = sum(_episodes(row, held_out) for row in of_score)
-    return Run(seed, points, episodes=episodes, ended=ended)
-
-
-def _episodes(row: Row, held_out: bool) -> int:
-    """Return how many episodes of the training a row is about; 0: it does not say, or is about others."""
-    return 0 if held_out else int(row.get("episodes", 0))
+    return Run(seed, points, begins[-1], episodes=episodes)
 
 
 def _finite(value: float, what: str, source: str) -> float:

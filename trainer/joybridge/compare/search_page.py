@@ -141,7 +141,7 @@ def settings_text(ranges: Sequence[Range], trial: FrozenTrial) -> str:
 
 def _score_text(result: Outcome) -> str:
     if not result.rung_metric:
-        return f"the mean *{escaped(result.metric)}* of the last tenth of the rows of metrics that have it"
+        return f"the mean *{escaped(result.metric)}* of the last tenth of the timesteps"
     return (
         f"the *{escaped(result.metric)}* that is measured at the end. Until there, and of pruned trials everywhere, it "
         f"is the mean *{escaped(result.rung_metric)}* of the training"

@@ -37,6 +37,11 @@ def is_builtin_metric(column: str) -> bool:
     return column in _COLUMNS or column.startswith(("entropy_", "loss_", HELD_OUT))
 
 
+def is_of_episodes(column: str) -> bool:
+    """Return whether a row has the mean over the episodes of the training that have ended in it."""
+    return not is_builtin_metric(column) or column in measured_columns([])
+
+
 def measured_columns(metrics: Sequence[str], games: Sequence[str] = ()) -> list[str]:
     """Return the columns of episodes that held-out settings have, too. metrics, games: of a session, by name."""
     of_games = [f"{game}.{name}" for game in games for name in ("reward", "length")]

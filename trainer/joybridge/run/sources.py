@@ -50,7 +50,7 @@ def note_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
 
     Raises ConfigError and StorageError.
     """
-    before, now = _noted(run), marks(games, [config])
+    before, now = noted_sources(run), marks(games, [config])
     if now:
         write_atomically(run / FILE, json.dumps(now, indent=1).encode())
     return _changed(before, now)
@@ -58,7 +58,7 @@ def note_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
 
 def changed_sources(run: Path, games: Sequence[str], config: Config) -> list[str]:
     """Return the sources whose files are others here than when the run was last trained. Raises ConfigError."""
-    before = _noted(run)
+    before = noted_sources(run)
     return _changed(before, marks(games, [config])) if before else []
 
 
@@ -66,7 +66,7 @@ def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     return [name for name, mark in now.items() if before.get(name, mark) != mark]
 
 
-def _noted(run: Path) -> dict[str, str]:
+def noted_sources(run: Path) -> dict[str, str]:
     """Return the marks in the folder of a run, none if it has no others' sources. Raises ConfigError."""
     try:
         noted = json.loads(read_file(run / FILE, MAX_BYTES))
