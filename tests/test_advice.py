@@ -67,6 +67,18 @@ def test_a_policy_that_becomes_less_certain_is_named_once():
     assert not [line for entropy in (4.5, 6.1, 3.0) for line in adviser.look_at_update({"entropy": entropy})]
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.995, 1), (0.98, 0)])
+def test_a_policy_that_goes_on_choosing_at_random_is_named_once(share, said):
+    policy, adviser = lively("bucket-5")
+    largest = float(np.log(policy.rollout.space.branches).sum())
+    lines = [line for _ in range(25) for line in adviser.look_at_update({"entropy": share * largest})]
+    assert len(lines) == said
+    assert all("after 50,000 decisions the entropy is still the largest that is possible (" in line for line in lines)
+    for layout, first in (("bucket-5", 0.5 * largest), ("hybrid", largest)):  # it knows something; axes have no limit
+        _, adviser = lively(layout)
+        assert not [line for value in (first, *[largest] * 25) for line in adviser.look_at_update({"entropy": value})]
+
+
 def test_a_sensor_with_large_numbers_is_named_once_with_the_largest():
     policy, adviser = lively("hybrid")
     frame = policy.actor.encoder.size  # place 2, count 1, image 4, lamps 3

@@ -261,7 +261,7 @@ def test_no_video_is_proposed_of_a_game_that_cannot_be_drawn(folder):
     described = load_game(BUILT_IN["orchard"]).describe({"observation": "state"})
     described.ClearField("picture")
     said = starter.write_config(described, ("--simulator", "127.0.0.1:1"), folder)
-    assert "record" not in said and said.endswith(" evaluate runs/orchard")
+    assert "record" not in said and " evaluate runs/orchard\n" in said and "check 127.0.0.1:1 --game orchard" in said
 
 
 def test_sizes_follow_the_numbers_of_an_observation():

@@ -131,7 +131,7 @@ def test_the_layout_of_the_page_is_trained_mixed_exported_and_refused_as_those_o
     with Path("my_layouts.py").open("a") as file:
         file.write("# another line")
     said = "the files of my_layouts have changed since run was"
-    assert f"{said} trained: numbers may differ" in joybridge("evaluate", "run", *place, "--episodes", "4").errors
+    assert f"{said} trained: numbers may differ," in joybridge("evaluate", "run", *place, "--episodes", "4").errors
     longer = joybridge("train", "run/config.yaml", "--run", "run", "--resume", "total_timesteps=400", *place)
     assert longer.status == 0 and f"{said} last trained; it goes on with them" in longer.errors
     assert "have changed" not in joybridge("evaluate", "run", *place, "--episodes", "4").errors

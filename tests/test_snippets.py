@@ -83,6 +83,8 @@ READERS = {
     "Walker.yaml",
     "catch.py",
     "catch.yaml",
+    "chimp_state.py",
+    "teach_chimp.py",
 }  # or of others
 CHECKOUT = re.compile(
     r"\bmake (install|demo|check|test|docs|bench|proto)\b|python -m tools|\.\./tools/|\bcmake -S|python trainer/"

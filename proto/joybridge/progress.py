@@ -26,3 +26,9 @@ class Progress:
         if time.monotonic() - self._said >= self._seconds:
             self._say(text)
             self._said = time.monotonic()
+
+
+def minutes_left(seconds: float) -> str:
+    """Return how long it still takes as the end of a line; "" if that is less than half a minute."""
+    minutes = round(seconds / 60)
+    return f"; about {minutes} min left" if minutes else ""

@@ -1,7 +1,7 @@
 """Run checks against a server and yield their results."""
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import grpc
 
@@ -15,6 +15,7 @@ from joybridge.conformance.rules.sessions import ended_sessions_are_freed
 from joybridge.conformance.selection import require_known
 from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
+from joybridge.progress import say
 
 DEADLINE = 30.0  # seconds until a response
 PATIENCE = 4  # times the deadline: until a response in the first session of a game, which may compile it
@@ -30,12 +31,14 @@ def run_checks(
     checks: Sequence[Check] = tuple(CHECKS),
     credentials: Credentials = OPEN,
     transport: Transport = "grpc",
+    say: Callable[[str], None] = say,
 ) -> Iterator[Result]:
     """Yield the results of the checks of the whole server, then of those of each game.
 
     games: the games to check, by default all. seconds: the longest wait for a response. After MAX_TIMEOUTS timeouts
-    the other checks of a game fail without being run. transport: of the messages of sessions. Raises Unreachable if no
-    server responds or offers the transport, and SelectionError if the server does not have one of the games.
+    the other checks of a game fail without being run. transport: of the messages of sessions. say: prints a line, if
+    there are several games and none was named. Raises Unreachable if no server responds or offers the transport, and
+    SelectionError if the server does not have one of the games.
     """
     of_server = [check for check in checks if check.per_server]
     of_game = [check for check in checks if not check.per_server]
@@ -43,6 +46,8 @@ def run_checks(
         listed = _listed_games(client)
         if not isinstance(listed, Status):
             require_known(games, listed, "game")
+            if not games and len(listed) > 1:
+                say(f"checks {len(listed)} games, one after the other; --game NAME checks one: {', '.join(listed)}")
             games = games or listed
         if not games and not of_server:
             got = f"ListGames failed with {listed}" if isinstance(listed, Status) else "ListGames returns no games"

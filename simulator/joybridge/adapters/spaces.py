@@ -1,12 +1,7 @@
 """Spaces of Gymnasium as parts of a spec: an observation space becomes sensors, an action space axes and branches.
 
-    Box                       one sensor of its shape; an axis per element
-    Discrete                  a sensor that is 1 at the value and 0 elsewhere; a branch
-    MultiDiscrete             the same, side by side; a branch per element
-    MultiBinary               one sensor of booleans; a button per element
-    Dict and Tuple of these   their parts, with names such as "arm.speed" and "action[1]"
-
-An entry "action_mask" of an observation is no sensor: it says which choices are allowed.
+An entry "action_mask" of an observation is no sensor: it says which choices are allowed. The table of all spaces is in
+docs/your-environment.md.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping

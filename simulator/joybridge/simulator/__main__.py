@@ -36,7 +36,11 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     open_streams()
     parser = _parser(prog)
     words, own = split_arguments(sys.argv[1:] if arguments is None else arguments)
-    options = parser.parse_args(words)
+    options, unknown = parser.parse_known_args(words)
+    if unknown:
+        settings = any("=" in word for word in unknown)
+        hint = '; quote a game together with its settings, as in --pygame "PROGRAM KEY=VALUE"' if settings else ""
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     if options.command == "serve":
         options.address = _place(parser, options)
     give_arguments(parser, options, own)

@@ -117,6 +117,9 @@ def open_player(options: argparse.Namespace) -> Iterator[str]:
         wanted = replace(wanted, games=tuple(games))
     simulators = choose_simulators(wanted, last, config, say, trust=options.trust_run)
     if changed := changed_sources(options.run, simulators.games, config):
-        say(f"the files of {', '.join(changed)} have changed since {options.run} was trained: numbers may differ")
+        say(
+            f"the files of {', '.join(changed)} have changed since {options.run} was trained: numbers may differ, "
+            "and if it observes or controls something else now, the policy does not fit"
+        )
     with open_simulators(simulators, options.wait, say) as connect:
         yield connect()[0]

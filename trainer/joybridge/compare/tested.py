@@ -17,7 +17,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings
 from joybridge.config.metrics import measured_columns
 from joybridge.contract.errors import JoybridgeError
-from joybridge.progress import say
+from joybridge.progress import minutes_left, say
 from joybridge.run.folder import check_playable
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -141,12 +141,6 @@ def test_runs(
                 say(f"{played} of {total}: {job.name}: {options.metric} {mean:.4g}{under}{left}")
             tested.append(reached)
     return [{job: run for job, run in reached.items() if job not in failed} for reached in tested], failed
-
-
-def minutes_left(seconds: float) -> str:
-    """Return how long it still takes as the end of a line; "" if that is less than half a minute."""
-    minutes = round(seconds / 60)
-    return f"; about {minutes} min left" if minutes else ""
 
 
 def _of_values(options: argparse.Namespace) -> str:

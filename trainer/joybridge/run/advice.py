@@ -3,6 +3,7 @@
 Everything is read from full rollouts, just before the update. So it costs nothing while the games are played.
 """
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,6 +21,8 @@ LARGE_INPUT = 10.0  # larger inputs slow learning down; about 1 is best
 LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usual
 MORE_ENTROPY = 1.0  # nats, at least, beside twice as much as at first; training makes most policies more certain
+RANDOM = 0.99  # of the largest entropy that is possible; a policy that is less certain chooses at random
+RANDOM_UPDATES = 10  # after which, and after SAME_DECISIONS, a policy should have found something to prefer
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 PAID = 3  # rewards of an episode, from which on it is no chance that one decision takes back their sum
@@ -50,6 +53,9 @@ class Adviser:
         self._policy, self._behavior = policy, behavior
         self._sensors, self._rewards, self._kl = True, True, True  # may still be warned of
         self._entropy: float | None = None  # of the first update; infinite once it is said that it rises
+        space = policy.rollout.space
+        self._largest = np.inf if space.continuous else sum(map(math.log, space.branches))  # entropy
+        self._random: int | None = 0  # updates at RANDOM of it so far; None: there was one below, or it is said
         self._unpaid: int | None = 0  # decisions without any reward so far; None: there was one, or it is said
         lanes = policy.rollout.rewards.shape[1]
         self._sums = np.zeros(lanes)  # of rewards in each episode
@@ -126,6 +132,24 @@ class Adviser:
                 "policy.entropy_coef or policy.learning_rate, or go on with the demonstrations beside PPO (--demos)"
             )
             self._entropy = np.inf
+
+        yield from self._at_random(entropy)
+
+    def _at_random(self, entropy: float) -> Iterator[str]:
+        """Yield that a policy of choices alone has not begun to prefer any, once."""
+        if self._random is None:
+            return
+        self._random = self._random + 1 if entropy >= RANDOM * self._largest else None
+        decisions = (self._random or 0) * self._policy.rollout.rewards.size
+        if self._random is not None and self._random >= RANDOM_UPDATES and decisions >= SAME_DECISIONS:
+            self._random = None
+            yield (
+                f"{self._policy.actor.name}: after {decisions:,} decisions the entropy is still the largest that is "
+                f"possible ({entropy:.3g} of {self._largest:.3g}), so nothing pays more than the rest yet. "
+                "If it stays: begin with demonstrations (`joybridge clone`), reward what leads there, let it decide "
+                "less often (options.decision_interval), or allow it fewer keys: docs/pygame-programs.md, "
+                "If it does not learn"
+            )
 
     def _note_taken_back(self) -> set[float]:
         """Return the sums of what several decisions of an episode had paid and one, not the last, has taken back."""

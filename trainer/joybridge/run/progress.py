@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from joybridge.config.metrics import ACTIVITIES, HELD_OUT, Row, is_builtin_metric
+from joybridge.progress import minutes_left
 
 SILENCE_SECONDS = 30.0  # the longest time without a line
 LEARNER = ("entropy", "approx_kl", "explained_variance")  # of the statistics of updates: whether it learns at all
@@ -21,15 +22,16 @@ class Display:
 
     def __init__(self, heading: str, name: str, end: int, begin: int) -> None:
         """Show a run that goes from `begin` to `end` timesteps. heading: printed once it has begun."""
-        self.heading = heading
+        self.heading, self.end = heading, end
         self.console = Console(highlight=False)
+        self.plain = not self.console.is_terminal  # without the live line, which says how long it still takes
         self.bar = Progress(
             TextColumn("[bold]{task.description}"),
             BarColumn(bar_width=20),
             TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"),
             TimeRemainingColumn(),
             console=self.console,
-            disable=not self.console.is_terminal,
+            disable=self.plain,
         )
         self.task = self.bar.add_task(name, total=end, completed=begin, text="")
         self.reward = ""
@@ -42,12 +44,14 @@ class Display:
             self.heading = ""
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = _speed(live["timesteps_per_second"])
+        rate = live["timesteps_per_second"] if self.plain else 0.0
+        left = minutes_left((self.end - timesteps) / rate) if rate > 0 else ""
         if row is not None:
             if "reward" in row:
                 self.reward = f"reward {row['reward']:.1f}"
-            self.say(f"{timesteps:>11,}  {row_text(row)}  {speed}  ({shares})")
-        elif not self.console.is_terminal and time.monotonic() - self.printed > SILENCE_SECONDS:
-            self.say(f"{timesteps:>11,}  {speed}  ({shares})")
+            self.say(f"{timesteps:>11,}  {row_text(row)}  {speed}  ({shares}){left}")
+        elif self.plain and time.monotonic() - self.printed > SILENCE_SECONDS:
+            self.say(f"{timesteps:>11,}  {speed}  ({shares}){left}")
         self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")
 
     def say(self, text: str) -> None:

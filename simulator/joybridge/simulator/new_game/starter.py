@@ -38,7 +38,19 @@ def write_config(spec: pb.GameSpec, place: tuple[str, str], folder: Path) -> str
 Train it{", evaluate the policy and record a video" if drawn else " and evaluate the policy"}:
 
 {go}  {joybridge} train {_argument(path.name)}{with_it} --run {run}
-  {joybridge} evaluate {run}{video}"""
+  {joybridge} evaluate {run}{video}
+
+Check it in some minutes against the contract, as whether the same seed gives the same episode:
+
+{go}{_check(place, joybridge, spec.name)}"""
+
+
+def _check(place: tuple[str, str], joybridge: str, name: str) -> str:
+    """Return the commands that check a game, which has to be served first unless it is."""
+    option, what = place
+    served = option == "--simulator"
+    serve = "" if served else f"  {joybridge} serve {shlex.join(place)} --port 5006    # and in another terminal\n"
+    return f"{serve}  {joybridge} check {what if served else '127.0.0.1:5006'} --game {shlex.quote(name)}"
 
 
 def _argument(name: str) -> str:
