@@ -18,7 +18,6 @@ from joybridge.cli import main
 from joybridge.client import recording
 from joybridge.client.client import Session
 from joybridge.client.recording import Kind, Record, RecordingError, Writer, load_recording
-from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.commands.replay import FaultFound, replay
 from joybridge.commands.replay import main as replay_main
 from joybridge.config.config import Config
@@ -30,6 +29,7 @@ from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import Demonstration, RecordedEpisodes
 from joybridge.layouts import list_roles, make_acts, make_layouts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
 from joybridge.policy.player import PolicyPlayer

@@ -8,11 +8,11 @@ import pytest
 from joybridge.cli import main
 from joybridge.client.client import Session
 from joybridge.client.recording import RecordingError
-from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.demonstrations.episodes import finished_episodes
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import list_roles, make_acts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents_player.records import AgentRecords
 from joybridge.simulator import axis, behavior, branch, button, channel, sensor, spec

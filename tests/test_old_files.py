@@ -17,11 +17,11 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from joybridge.client.client import Session, describe
 from joybridge.client.recording import RecordingError
 from joybridge.client.stream import SERVICE
-from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.layouts import make_acts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from tests.support.command_line import joybridge
 from tests.support.exported_runs import RUNTIME, load_runtime
 from tests.support.servers import answering_methods

@@ -80,6 +80,22 @@ def test_the_first_line_says_how_actions_are_chosen(run, simulator, capsys):
     assert printed.err.startswith("policy after 64 timesteps, the most probable actions\n")
 
 
+def test_chance_plays_as_it_does_under_any_layout_and_is_called_so(run, simulator, tmp_path, capsys):
+    first, printed = evaluate(run, simulator, capsys, "--random")
+    assert printed.err.startswith("random play\n") and "player: 8 episodes of random play" in printed.out
+    assert first["player"]["random"] and evaluate(run, simulator, capsys, "--random")[0] == first
+    assert evaluate(run, simulator, capsys)[0]["player"]["returns"] != first["player"]["returns"]
+    config = Config(game="hybrid", layout="multiagent", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
+    train(config, tmp_path, [simulator], resume=False)
+    two, _ = evaluate(tmp_path, simulator, capsys, "--random")
+    axes, buttons = two.values()
+    assert axes["means"]["length"] == buttons["means"]["length"]  # one device, and one who presses at random
+    for option in (["--deterministic"], ["--checkpoint", "64"]):
+        with pytest.raises(SystemExit):
+            main(["evaluate", str(run), "--random", *option])
+        assert "--random is not the policy; leave out --deterministic and --checkpoint" in capsys.readouterr().err
+
+
 def test_each_agent_of_an_arena_has_episodes_and_short_ones_count_no_more_often(simulator, tmp_path, capsys):
     config = Config(game="duel", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
     train(config, tmp_path, [simulator], resume=False)

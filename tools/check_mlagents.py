@@ -27,13 +27,13 @@ import numpy as np
 
 from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
-from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.episodes import Episode, finished_episodes
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import make_acts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import ANY_LENGTH, END, FINE, METHOD, SERVICE, VERSION
 from joybridge.policy.encoder import ObservationEncoder

@@ -44,12 +44,19 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         action="store_true",
         help="also measure what is pressed and moved: clicks, paths of pointers, reversals of axes",
     )
+    command.add_argument(
+        "--random",
+        action="store_true",
+        help="act at random instead, all that the device allows being equally likely: the score of chance",
+    )
     add_figures(command)
     command.add_argument("--json", action="store_true", help="print one JSON object as the last line of stdout")
     add_others(command)
     options = parse_playing(parser, command, arguments)
     if options.figures and not options.over:
         parser.error("--figures is for the plot of --over; name the values to play")
+    if options.random and (options.deterministic or options.checkpoint):
+        parser.error("--random is not the policy; leave out --deterministic and --checkpoint")
     if options.others and options.inputs:
         parser.error("--inputs measures all agents, also those of --others; give one of the two")
     return options

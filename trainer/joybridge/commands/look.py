@@ -31,6 +31,7 @@ from joybridge.contract.credentials import (
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.play.pointer_marks import mark_pointers
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
@@ -165,22 +166,6 @@ def observed_images(spec: pb.GameSpec, steps: Sequence[StepArrays]) -> list[Arra
         if sensor.HasField("image")
         for image in values
     ]
-
-
-def press_at_random(device: pb.Device, act: ActArrays, rng: np.random.Generator) -> None:
-    """Fill an act with random axes and choices."""
-    for column, axis in enumerate(device.axes):
-        values = rng.uniform(axis.low, axis.high, len(act.axes)).astype(np.float32)
-        act.axes[:, column] = np.clip(values, axis.low, axis.high)
-    for column, branch in enumerate(device.branches):
-        act.choices[:, column] = rng.integers(0, len(branch.choices), len(act.choices))
-
-
-def obey_masks(act: ActArrays, step: StepArrays, rng: np.random.Generator) -> None:
-    """Replace forbidden choices by random allowed ones."""
-    for column, mask in enumerate(step.masks or ()):
-        for lane in np.flatnonzero(~mask[np.arange(len(mask)), act.choices[:, column]]):
-            act.choices[lane, column] = rng.choice(np.flatnonzero(mask[lane]))
 
 
 def _describe(

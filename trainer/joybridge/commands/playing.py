@@ -98,6 +98,7 @@ def play_spec(options: argparse.Namespace, address: str, game: str) -> "PlaySpec
         options.deterministic,
         options.overrides,
         options.checkpoint,
+        getattr(options, "random", False),
         getattr(options, "others", ()),
         game,
     )

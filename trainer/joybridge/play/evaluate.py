@@ -1,7 +1,7 @@
 """Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ class Evaluation:
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
     inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
+    random: bool = False  # chance has acted, and not the policy
 
 
 def evaluate(
@@ -54,7 +55,7 @@ def evaluate(
             if plays.deterministic
             else "sampled actions (--deterministic: the most probable)"
         )
-        say(play.heading(actions))
+        say(play.heading("random play") if plays.random else play.heading(actions=actions))
         if demos:
             say(f"recorded in {demos}")
             arena = 0
@@ -74,7 +75,9 @@ def evaluate(
         tables = _play(play, equal_shares(episodes, play.arenas, len(play.choices)), say, measured)
     results = {index: measures.result() for index, measures in measured}
     return {
-        player.actor.name: _summarize(tables[player.actor.name], play, player.actor.behavior, results)
+        player.actor.name: replace(
+            _summarize(tables[player.actor.name], play, player.actor.behavior, results), random=plays.random
+        )
         for player in play.players
     }
 
@@ -111,9 +114,8 @@ def summary(evaluations: Mapping[str, Evaluation]) -> str:
     """Return the results of all policies as lines to read."""
     lines = []
     for name, result in evaluations.items():
-        lines.append(
-            f"{name}: {result.episodes} episodes after {result.timesteps:,} timesteps, mean and 95 % confidence"
-        )
+        played = "of random play" if result.random else f"after {result.timesteps:,} timesteps"
+        lines.append(f"{name}: {result.episodes} episodes {played}, mean and 95 % confidence")
         lines += [
             f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}" for metric, mean in result.means.items()
         ]

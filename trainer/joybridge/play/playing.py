@@ -25,6 +25,7 @@ from joybridge.policy.actor import trained_actors
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.lineup import make_lineup
 from joybridge.policy.players import Players
+from joybridge.policy.random_player import RandomPlayer
 from joybridge.policy.stratify import balanced_options
 from joybridge.policy.table import Table
 from joybridge.ppo.threads import use_one_thread
@@ -98,13 +99,14 @@ class Play:
         self.spec = session.spec
         self.arenas, self.held = arenas, held
 
-    def heading(self, actions: str = "") -> str:
-        """Return what plays, and what differs from its training. actions: how they are chosen."""
+    def heading(self, who: str = "", actions: str = "") -> str:
+        """Return what plays, and what differs from its training. who: plays instead. actions: how they are chosen."""
         changed = [
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        return "; ".join([f"policy after {self.timesteps:,} timesteps{actions and f', {actions}'}", *changed])
+        who = who or f"policy after {self.timesteps:,} timesteps"
+        return "; ".join([f"{who}{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:
         """Return what draws the images that the policies see, and what they remember."""
@@ -154,6 +156,7 @@ class PlaySpec:
     deterministic: bool = False  # take the most probable actions
     overrides: Sequence[str] = ()  # "key=value" each: options and parameters of the game that differ from the training
     checkpoint: str = ""  # "best", its timesteps, or "" for the newest
+    random: bool = False  # act at random instead of as the policy does
     others: Sequence[str] = ()  # who hold all seats but one of each arena, in turn, see `load_other`
     only_game: str = ""  # which of several games is played; "": the first
 
@@ -190,6 +193,11 @@ def open_play(plays: PlaySpec, *, episodes: int = 0, arenas_limit: int = 64) -> 
                 table.seats.begin(arena, np.roll(dealt, arena))
             policies.seat(table)
         held = [table.seats.holders(behavior) == 0 for behavior in range(len(spec.behaviors))]
+        if plays.random:
+            policies.players = [
+                RandomPlayer(player.actor, spec.behaviors[player.behavior].device, player.lanes, seed)
+                for player in policies.players
+            ]
         policies.begin(session.steps)
         changed = changed_settings(trained, config, lineup.specs[game] if lineup else spec)
         if (run / SPEC).exists() and (was := run_spec(run).version) != spec.version:

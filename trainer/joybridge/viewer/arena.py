@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from joybridge.client.client import Session, describe
-from joybridge.commands.look import obey_masks, press_at_random
 from joybridge.config.game_settings import check_settings
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
+from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.scores import Scores
 
