@@ -10,55 +10,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from joybridge.compare import command, grid, launch
-from joybridge.compare import page as pages
+from joybridge.compare import command
 from joybridge.compare.job import Job
-from joybridge.compare.launch import check_metric, different_bodies, make_job, scored_policy, too_short_for_scores
+from joybridge.compare.launch import different_bodies, make_job, scored_policy
 from joybridge.compare.table import TABLE, add_results, read_table
-from joybridge.compare.tested import SEED, check_test
+from joybridge.compare.tested import SEED
 from joybridge.compare.variants import (
     VARIANTS,
-    Variant,
-    beside,
     check_game,
     kept_spec,
     make_variants,
     read_variants,
 )
-from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.play.evaluate import evaluate
 from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.run_lock import locked
-from joybridge.v1 import bridge_pb2 as pb
-from tests.support.command_line import Done, joybridge
+from tests.support.compared import OUT, run_in
 from tests.support.jobs import train_here
 
 pytestmark = pytest.mark.usefixtures("signals")
-
-SMALL = """
-game: archer
-arenas: 8
-pipeline_groups: 1
-total_timesteps: 1280
-log_interval: 320
-policy: {frame_stack: 1, hidden_sizes: [16], rollout_steps: 20, time_horizon: 20, minibatch_size: 80}
-"""
-OUT = Path("out")
-
-
-def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done:
-    """Compare two layouts with two seeds in a folder. draw: also draw the pictures, which takes a second."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not draw:
-            patch.setattr(pages, "draw_pictures", lambda *_: [])
-        patch.chdir(folder)
-        patch.setattr(launch, "start", train_here)
-        patch.setattr(grid, "POLL_SECONDS", 0.0)  # they have ended when they are polled
-        Path("small.yaml").write_text(SMALL)
-        shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT), "--simulator", simulator]
-        return joybridge("compare", "small.yaml", *shared, *more)
 
 
 @pytest.fixture(scope="module")
@@ -235,103 +207,6 @@ def test_all_runs_play_under_each_value_of_a_setting_and_one_table_shows_all(who
     )
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
-        (["--over", "parameters.sise=1,2"], "--over got parameters.sise; archer has options.observation=screen, "),
-        (["--over", "policy.gamma=0.5,1"], "--over got 'policy.gamma=0.5,1', expected options.NAME=CHOICE"),
-        (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
-        (
-            ["--metric", "entropy", "--test"],
-            "--test got --metric entropy; of its episodes it has reward, length, hits, ",
-        ),
-    ],
-)
-def test_a_test_that_no_run_could_play_is_refused_before_anything_is_trained(words, message, tmp_path, simulator):
-    done = run_in(tmp_path, simulator, *words)
-    assert done.status == 1 and message in done.errors and "done" not in done.output
-    assert not (tmp_path / OUT / "runs").exists()
-
-
-def test_what_another_trainer_has_trained_plays_no_test():
-    (variant,) = make_variants(["archer/hybrid"], [], [])
-    options = command.parse(["compare", "archer/hybrid", "--output", "x", "--test"], "joybridge")
-    with pytest.raises(ConfigError, match="--test cannot play hybrid, SB3, of Stable-Baselines3; leave this variant"):
-        check_test([Variant("hybrid, SB3", variant.config, "sb3")], [pb.GameSpec()], options)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["--over", "hand.delay=0,2", "--over", "hand.reach=1,0.3"],
-            "argument --over: it is given twice; give it once",
-        ),
-        (
-            ["--deterministic"],
-            "--episodes and --deterministic are for a test; say what is tested with --test or --over",
-        ),
-        (["--search", "policy.epochs=1..8", "--test"], "--test is for a comparison of one configuration; compare what"),
-    ],
-)
-def test_options_of_a_test_are_for_a_comparison(words, message, capsys):
-    with pytest.raises(SystemExit):
-        command.parse(["compare", "archer/hybrid", "--output", "x", *words], "joybridge")
-    assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["total_timesteps=160"],
-            "log_interval is 320, longer than the runs of 160 timesteps, so they have no metrics;",
-        ),
-        (["--metric", "held_out_reward"], "hybrid measures nothing held out; set evaluate_during, as in evaluate_"),
-        (
-            ["--metric", "held_out_hit", "evaluate_during={episodes: 2}"],
-            "--metric got 'held_out_hit'; archer has reward, length, hits, accuracy, reward_std, episodes; held_out_… "
-            "before each of these; of the training: ",
-        ),
-    ],
-)
-def test_what_no_run_would_have_is_refused_before_anything_is_trained(words, message, tmp_path, simulator):
-    done = run_in(tmp_path, simulator, *words)
-    assert done.status == 1 and message in done.errors and "done" not in done.output
-    assert not (tmp_path / OUT / "runs").exists()
-
-
-def test_a_column_of_the_training_and_of_held_out_episodes_can_be_compared():
-    (variant,) = make_variants(["archer/hybrid"], ["evaluate_during.episodes=2"], [])
-    spec = pb.GameSpec(name="archer", behaviors=[pb.Behavior(name="archer", metrics=[pb.Metric(name="hits")])])
-    for metric in ("hits", "entropy_fire", "explained_variance", "held_out_hits", "held_out_reward_std"):
-        check_metric(variant, spec, metric, None)
-    other = Variant("", variant.config, "sb3")  # it counts rewards and lengths alone
-    for metric in ("hits", "explained_variance"):
-        with pytest.raises(ConfigError, match=f"'{metric}'; a run of Stable-Baselines3 has reward, length"):
-            check_metric(other, spec, metric, None)
-
-
-def test_a_game_that_another_trainer_cannot_train_is_refused_at_once_with_the_next_move(tmp_path):
-    done = run_in(tmp_path, "127.0.0.1:1", "--beside", "sb3", "--wait", "0.1")
-    assert done.status == 1 and "waiting" not in done.errors
-    assert "there is none called 'archer'; to train this game with Stable-Baselines3, write a program" in done.errors
-    assert beside([Variant("a", Config(game="CartPole-v1", preset="sb3"))], "sb3")[0].label == "a, Stable-Baselines3"
-
-
-def test_files_of_the_same_name_are_told_apart_by_their_folders(tmp_path):
-    for folder, layout in (("a/x", "hybrid"), ("b/x", "bucket-3"), ("c", "bucket-5")):
-        (tmp_path / folder).mkdir(parents=True)
-        (tmp_path / folder / "best.yaml").write_text(SMALL + f"layout: {layout}\n")
-    paths = [str(tmp_path / path) for path in ("a/x/best.yaml", "b/x/best.yaml", "c/best.yaml")]
-    made = make_variants([*paths, "archer/hybrid"], [], [])
-    assert [variant.label for variant in made] == ["a/x/best", "b/x/best", "c/best", "hybrid"]
-    assert [variant.name for variant in made] == ["a_x_best", "b_x_best", "c_best", "hybrid"]
-    with pytest.raises(ConfigError, match="have the same configuration; leave one of them out"):
-        make_variants([paths[0], paths[0]], [], [])
-
-
 def test_a_comparison_of_another_configuration_is_refused_by_name(copied):
     before = page(copied)
     done = run_in(copied, "127.0.0.1:1", "policy.epochs=3", "stop_at=640")
@@ -418,39 +293,6 @@ def test_a_second_comparison_in_the_same_folder_is_refused_while_the_first_one_r
     assert re.search(r"out is being trained by process \d+ .*; end that training, or .* with --output", done.errors)
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["--set", "layout=hybrid,auto"], "layout is set twice; set it once, with all of its values"),
-        (["--set", "policy.epochs=1,1"], "--set got 'policy.epochs=1,1', which names a value twice"),
-        (["--set", "policy.epochs="], "expected KEY=VALUE,VALUE,… as in policy.gamma=0.9,0.99"),
-        (["--set", "policy.gamma=0.9,0.90"], "'hybrid, gamma=0.9' and 'hybrid, gamma=0.90' have the same config"),
-        (["--set", "seed=1,2"], "--set seed=…: seed does not vary here; use --seeds"),
-        (["--set", "game=archer,orchard"], "use a comparison for each game"),
-        (["--change", "policy.epochs=1,2"], "expected KEY=VALUE, or several that are set together"),
-        (["--change", "layout=bucket-3"], "--change layout=…: layout is set twice; set it once"),
-        (["--change", "seed=1"], "--change seed=…: seed does not vary here; use --seeds"),
-        (["seed=7"], "seed=…: use --seeds for the number of seeds, and --first-seed for the first of them"),
-        (["epocs=7"], "unknown key 'epocs'; did you mean 'policy.epochs'?"),
-    ],
-)
-def test_a_wrong_grid_is_refused_before_a_simulator_is_waited_for(more, message, tmp_path):
-    done = run_in(tmp_path, "127.0.0.1:1", *more)
-    assert done.status == 1 and message in done.errors and "waiting" not in done.errors
-    assert not (tmp_path / OUT).exists()
-
-
-def test_a_layout_that_cannot_play_the_game_is_refused_before_anything_is_trained(tmp_path, simulator):
-    done = run_in(tmp_path, simulator, "--layouts", "hybrid", "joint-9999")
-    assert done.status == 1
-    assert "joint-9999: layout: 'joint-9999' cannot express this device: " in done.errors
-    done = run_in(tmp_path, simulator, "policy.sensors=[gnu]")
-    assert done.status == 1 and "hybrid: archer: sensors: the game has no 'gnu'" in done.errors
-    assert not (tmp_path / OUT).exists()
-    done = run_in(tmp_path, simulator, "--behavior", "archers")
-    assert done.status == 1 and "--behavior got 'archers'; archer has archer" in done.errors
-
-
 def test_of_axes_and_buttons_the_buttons_count_and_of_several_behaviors_the_first_or_the_named_one(whole):
     (two,) = make_variants(["archer/hybrid"], ["layout=multiagent"], [])
     (one,) = make_variants(["archer/hybrid"], [], [])
@@ -495,15 +337,3 @@ def test_the_html_page_is_one_file_that_follows_the_theme(whole):
     assert len(re.findall(r'(?:src|srcset)="data:image/png;base64,', html)) == 6
     assert not re.search(r'(?:src|srcset|href)="(?!data:|https://github.com)', html)
     assert "prefers-color-scheme: dark" in html and html.count("<table>") == 6
-
-
-def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():
-    spec = pb.GameSpec(max_episode_decisions=100, behaviors=[pb.Behavior(agents_per_arena=2)])
-
-    def said(timesteps: int, metric: str = "reward") -> str:
-        config = Config(game="x", arenas=8, total_timesteps=timesteps, log_interval=50)
-        return too_short_for_scores([Variant("a", config)], [spec], metric)
-
-    assert "episodes that end in the last 1,599 of 15,999 timesteps, and an episode of 100 decisions" in said(15_999)
-    assert "in each of 8 arenas takes 1,600: train for longer, or add --test" in said(15_999)
-    assert not said(16_000) and not said(100, "held_out_reward") and not said(100, "entropy")

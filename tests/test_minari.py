@@ -29,7 +29,7 @@ from joybridge.minari import reading
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.simulator import axis, behavior, button, sensor, spec
-from tests.test_demonstrations import record
+from tests.support.demonstrated import record
 
 pytestmark = pytest.mark.usefixtures("signals")
 

@@ -20,8 +20,8 @@ from joybridge.policy.past_acts import PastActs
 from joybridge.run.train import train
 from joybridge.simulator import axis, behavior, branch, sensor
 from joybridge.simulator.catalog import load_games
+from tests.support.demonstrated import record
 from tests.support.games import PLACES
-from tests.test_demonstrations import record
 from tests.test_policy import full_agents
 
 COUNT = 3
