@@ -7,13 +7,16 @@ import gymnasium
 import numpy as np
 import pygame
 import pytest
+from gymnasium import spaces
 
+from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
 from joybridge.contract.codec import ActArrays
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.listing import listing
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import Hybrid
 
 HERE = "tests.support.environments"
@@ -50,6 +53,25 @@ def test_the_spec_is_made_from_the_spaces():
     spec = game.describe({})
     assert (list(spec.behaviors[0].sensors[0].low), list(spec.behaviors[0].sensors[0].high)) == ([-1.0], [np.inf])
     assert (spec.tick_seconds, spec.picture.width, spec.picture.height) == (0.05, 6, 4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "high", "color"),
+    [
+        ((16, 20, 3), np.uint8, 255, pb.COLOR_RGB),
+        ((16, 20, 1), np.uint8, 255, pb.COLOR_GRAY),
+        ((20, 16), np.uint8, 255, pb.COLOR_GRAY),
+        ((15, 20, 3), np.uint8, 255, None),  # a small grid, as of MiniGrid
+        ((16, 20, 4), np.uint8, 255, None),  # frames
+        ((16, 20, 3), np.uint8, 10, None),
+        ((16, 20, 3), np.float32, 255, None),
+        ((400,), np.uint8, 255, None),
+    ],
+)
+def test_a_box_that_is_a_picture_is_an_image(shape, dtype, high, color):
+    space = spaces.Dict({"camera": spaces.Box(0, high, shape, dtype)})
+    (sensor,) = AgentSpaces(space, spaces.Discrete(2)).sensors
+    assert (sensor.image.color if sensor.HasField("image") else None) == color
 
 
 def test_actions_arrive_in_the_form_of_the_action_space():

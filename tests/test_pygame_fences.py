@@ -1,10 +1,12 @@
 """What a program written with pygame may not do, what is refused, and what a failure costs."""
 
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
 
+from joybridge.adapters.pygame_programs.inside.program import ProgramError, find_program
 from joybridge.client.own_games import choose_game
 from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
@@ -232,5 +234,22 @@ def test_a_program_that_draws_in_a_thread_is_refused(tmp_path):
 
 
 def test_a_package_without_scripts_is_refused_with_the_names_of_its_modules():
-    with pytest.raises(CatalogError, match=r"'pillow' has no script; its modules are .*PIL.*: name the one that runs"):
+    with pytest.raises(CatalogError, match=r"'pillow' has no script; these modules run: PIL\..*; name one of them"):
         load_game("pygame:pillow")
+
+
+def test_the_only_module_of_a_package_that_runs_is_its_program(tmp_path, monkeypatch):
+    guard = "if __name__ == '__main__':\n    print('runs')\n"
+    files = {"lonely/__init__.py": "", "lonely/play.py": guard, "lonely/parts.py": "", "test_lonely.py": guard}
+    for name, text in {**files, "lonely-1.dist-info/METADATA": "Metadata-Version: 2.1\nName: lonely\n"}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    record = tmp_path / "lonely-1.dist-info" / "RECORD"
+    record.write_text("".join(f"{name},,\n" for name in files))
+    monkeypatch.setattr(sys, "argv", [])
+    monkeypatch.syspath_prepend(tmp_path)
+    found = find_program("lonely", [])
+    assert (found.name, found.root) == ("lonely.play", tmp_path / "lonely" / "play.py")
+    (tmp_path / "lonely" / "play.py").write_text("")
+    with pytest.raises(ProgramError, match=r"has no script; its modules are: lonely\.parts, lonely\.play; name one of"):
+        find_program("lonely", [])

@@ -19,6 +19,7 @@ from joybridge.simulator import Action, axis, branch, button, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
 MASK = "action_mask"
+PIXELS = 16  # of each side of an image, at least; what is smaller may be a table, as the 7 x 7 of MiniGrid
 KNOWN = "Box, Discrete, MultiDiscrete, MultiBinary, and Dict and Tuple of these"
 
 
@@ -64,6 +65,8 @@ class AgentSpaces:
         if isinstance(space, spaces.Box):
             shape = space.shape or (1,)
             made = sensor(name, shape, _bounds(space.low, min), _bounds(space.high, max), dtype=_dtype(space.dtype))
+            if _is_image(space):
+                made.image.color = pb.COLOR_RGB if shape[2:] == (3,) else pb.COLOR_GRAY
             read = np.array if space.shape else lambda value: np.reshape(value, shape)
         elif isinstance(space, spaces.MultiBinary):
             made, read = sensor(name, space.shape, dtype=bool), np.array
@@ -179,6 +182,17 @@ def _dtype(dtype: Any) -> Any:
     if dtype in (np.uint8, np.bool_):
         return dtype
     return np.int32 if dtype in (np.int8, np.int16, np.int32, np.uint16) else np.float32
+
+
+def _is_image(space: spaces.Box) -> bool:
+    """Return whether a Box is a picture, gray or RGB, and not a small table of numbers."""
+    shape = space.shape
+    return (
+        space.dtype == np.uint8
+        and (len(shape) == 2 or (len(shape) == 3 and shape[2] in (1, 3)))
+        and min(shape[:2]) >= PIXELS
+        and bool((space.low == 0).all() and (space.high == 255).all())
+    )
 
 
 def _one_hot(name: str, counts: Array, starts: Array) -> Callable[[Any], Array]:

@@ -21,6 +21,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import nn
 from torch.optim import AdamW
@@ -120,6 +121,12 @@ def check_spaces(environment: str) -> None:
                     f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
                     "own, or leave out --beside"
                 )
+        if is_image_space(env.observation_space):
+            raise ConfigError(
+                f"the observations of {environment} are images, which get convolutions here and none in MlpPolicy; "
+                "compare both on numbers, with gymnasium.wrappers.FlattenObservation around it and an ID of its own, "
+                "or leave out --beside"
+            )
 
 
 def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:

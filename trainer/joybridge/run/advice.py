@@ -73,9 +73,11 @@ class Adviser:
         if self._sensors:
             self._sensors = False
             for sensor, peak in self._far_sensors():
+                picture = sensor.dtype == pb.DTYPE_UINT8 and len(sensor.shape) > 1
                 yield (
-                    f"{name}: sensor {sensor!r} reaches {peak:g}; policies learn best from numbers of about -1 to 1: "
-                    "scale it in the game, or set policy.scale_observations=running"
+                    f"{name}: sensor {sensor.name!r} reaches {peak:g}; policies learn best from numbers of about -1 to "
+                    "1: scale it in the game, or set policy."
+                    f"{'image_encoder=simple, if it is a picture' if picture else 'scale_observations=running'}"
                 )
         peak = float(np.abs(self._policy.rollout.rewards).max())
         if self._rewards and peak > LARGE_REWARD and not self._policy.config.scale_rewards:
@@ -168,7 +170,7 @@ class Adviser:
             return f"policy.reward_weights ({', '.join(channels)})"
         return "policy.reward_weights, for which the game has to pay it in a reward channel of its own"
 
-    def _far_sensors(self) -> Iterator[tuple[str, float]]:
+    def _far_sensors(self) -> Iterator[tuple[pb.Sensor, float]]:
         """Yield the sensors with numbers beyond LARGE_INPUT, and the largest size of one."""
         encoder, begin = self._policy.actor.encoder, -self._policy.actor.encoder.size  # of the newest frame
         for sensor in encoder.numbers:
@@ -176,7 +178,7 @@ class Adviser:
             numbers = self._policy.rollout.observations[:, :, begin : end or None]
             peak = max(float(numbers.max()), -float(numbers.min()))
             if peak > LARGE_INPUT:
-                yield sensor.name, peak
+                yield sensor, peak
             begin = end
 
     def _choices(self) -> Array:

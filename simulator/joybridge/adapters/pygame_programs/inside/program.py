@@ -1,6 +1,7 @@
 """Finds the program and runs it as Python would."""
 
 import importlib.util
+import re
 import runpy
 import sys
 from collections.abc import Callable, Sequence
@@ -10,6 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 SCRIPTS = ("console_scripts", "gui_scripts")
+MAIN = re.compile(r"^if __name__ == ['\"]__main__['\"]", re.MULTILINE)  # what a module begins with that is run
+MOST = 12  # modules that an error names
 
 
 class ProgramError(Exception):
@@ -38,11 +41,16 @@ def find_program(place: str, arguments: Sequence[str]) -> Program:
         return Program(path.stem, path, path.parent, lambda: runpy.run_path(str(path), run_name="__main__"))
     package, _, script = place.partition(":")
     if not script and _runs(package):
-        spec = importlib.util.find_spec(package)
-        origin = Path(spec.origin) if spec and spec.origin else Path(package)
-        root = origin.parent if spec and spec.submodule_search_locations else origin
-        return Program(package, root, None, lambda: runpy.run_module(package, run_name="__main__", alter_sys=True))
+        return _module(package)
     return _script(place, package, script)
+
+
+def _module(module: str) -> Program:
+    """Return what `python -m module` runs."""
+    spec = importlib.util.find_spec(module)
+    origin = Path(spec.origin) if spec and spec.origin else Path(module)
+    root = origin.parent if spec and spec.submodule_search_locations else origin
+    return Program(module, root, None, lambda: runpy.run_module(module, run_name="__main__", alter_sys=True))
 
 
 def _runs(module: str) -> bool:
@@ -65,11 +73,7 @@ def _script(place: str, package: str, script: str) -> Program:
             "PACKAGE:SCRIPT"
         ) from None
     if not found:
-        modules = {
-            file.parts[0].removesuffix(".py") for file in distribution(package).files or () if file.suffix == ".py"
-        }
-        names = ", ".join(sorted(modules)) or "none"
-        raise ProgramError(f"the package {package!r} has no script; its modules are {names}: name the one that runs")
+        return _only_module(package)
     chosen = [point for point in found if not script or point.name == script]
     if len(chosen) != 1:
         names = ", ".join(point.name for point in found)
@@ -79,6 +83,20 @@ def _script(place: str, package: str, script: str) -> Program:
     spec = importlib.util.find_spec(point.module.partition(".")[0])
     root = Path(spec.origin).parent if spec and spec.origin else Path(place)
     return Program(point.name, root, None, lambda: _run_entry(point))
+
+
+def _only_module(package: str) -> Program:
+    """Return the one module of an installed package without scripts that says what it does when it is run."""
+    sources = [file for file in distribution(package).files or () if file.suffix == ".py"]
+    files = [file for file in sources if file.name != "__init__.py" and not file.parts[0].startswith("test")]
+    running = [file for file in files if MAIN.search(Path(str(file.locate())).read_text(errors="replace"))]
+    names = sorted(".".join(file.with_suffix("").parts).removesuffix(".__main__") for file in running or files)
+    if len(names) == 1 and running:
+        return _module(names[0])
+    raise ProgramError(
+        f"the package {package!r} has no script; {'these modules run' if running else 'its modules are'}: "
+        f"{', '.join(names[:MOST]) or 'none'}{', …' if len(names) > MOST else ''}; name one of them"
+    )
 
 
 def _run_entry(point: EntryPoint) -> None:
