@@ -26,7 +26,8 @@ from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.workers.link import Link
 
 MODULE = "joybridge.adapters.pygame_programs.inside"
-FORK_SECONDS = 10.0  # for a fork to connect
+FORK_SECONDS = 30.0  # until a forked process connects; on a busy machine it waits for its turn
+END_SECONDS = 10.0  # until a process has ended whose link is closed
 MAX_TEXT_CHARS = 600  # characters of what a program says of itself
 MAX_BRANCHES = 256  # stems of snapshots that are kept; those not used for longest end first
 
@@ -80,7 +81,7 @@ class ProgramProcesses:
             except (OSError, EOFError, GameError) as error:
                 if not isinstance(error, TimeoutError):
                     with suppress(subprocess.TimeoutExpired):
-                        self._process.wait(FORK_SECONDS)
+                        self._process.wait(END_SECONDS)
                 status, stack = self._process.poll(), self.stacks.take()
                 self._forget(players=True)
                 place = place_of(stack)
