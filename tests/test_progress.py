@@ -16,13 +16,13 @@ def test_a_game_too_slow_for_rows_gets_a_line_by_time_where_output_is_no_termina
         assert capsys.readouterr().out == ""  # what the run refuses comes without the heading
         for timesteps in (0, 80):
             display.report(timesteps, LIVE, None)
-        display.report(800, ROW, ROW)
-    heading, *lines, row = capsys.readouterr().out.splitlines()
+        for timesteps in (400, 800):
+            display.report(timesteps, ROW, ROW)
+    heading, *lines, first, row = capsys.readouterr().out.splitlines()
     assert heading == "run x: 0 of 900 timesteps done"
     if silence < 0:
-        assert (
-            lines[1] == "         80  3.2 timesteps/s  (simulate 25 % wire 25 % act 25 % learn 25 %); about 4 min left"
-        )
+        assert lines[1] == "         80  3.2 timesteps/s  (simulate 25 % wire 25 % act 25 % learn 25 %)"
     else:
         assert lines == []
     assert row.startswith("        800  reward 1.5  length 7  hits 3  ") and "seconds" not in row
+    assert "min left" not in first and row.endswith("learn 25 %); about 1 min left")  # it had compiled something

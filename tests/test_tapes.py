@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from joybridge.adapters import tapes
+from joybridge.adapters.pygame_programs.tape import read_tape
 from joybridge.adapters.tapes import TapeError, record, replay
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.spec import choose_options
@@ -111,11 +112,25 @@ def test_a_file_that_is_no_tape_is_refused(tmp_path):
         replay(tmp_path / "none.tape")
 
 
-def test_a_command_records_a_tape(tmp_path):
-    path = tmp_path / "catch.tape"
+def test_a_command_records_a_tape_with_settings_before_or_behind_its_options(tmp_path):
+    path, other = tmp_path / "catch.tape", tmp_path / "other.tape"
     done = joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
     assert done.output == f"{path}: 3 decisions, 12 frames\nnext: joybridge tape replay {path}\n"
     assert replay(path) == 12
+    assert joybridge("tape", "record", str(CATCHING), str(other), "--decisions", "3", "keys=LEFT").status == 0
+    assert read_tape(other).note == read_tape(path).note and replay(other) == 12
+    for words in (["record", str(CATCHING), str(path), "--decision", "3", "LEFT"], ["replay", str(path), "keys=LEFT"]):
+        with pytest.raises(SystemExit):
+            joybridge("tape", *words)
+
+
+def test_a_program_elsewhere_has_the_settings_of_the_tape_unless_it_brings_others(tmp_path):
+    path = tmp_path / "catch.tape"
+    joybridge("tape", "record", str(CATCHING), str(path), "keys=LEFT", "--decisions", "3")
+    elsewhere = shutil.copy(CATCHING, tmp_path / "elsewhere.py")
+    assert replay(path, str(elsewhere)) == 12
+    with pytest.raises(TapeError, match=r"the program is played with .*, the tape with "):
+        replay(path, f"{elsewhere} keys=LEFT,RIGHT")
 
 
 @pytest.mark.parametrize("before", [b"an older tape", None])

@@ -46,5 +46,13 @@ def _parse(arguments: Sequence[str], prog: str) -> argparse.Namespace:
     records.add_argument("--seed", type=int, default=0, help="of the program and of the play; default %(default)s")
     replays = whats.add_parser("replay", help="play a tape again: 1 is returned if a frame differs")
     replays.add_argument("tape", help="the file")
-    replays.add_argument("--program", default="", help="another than that of the tape, with its settings, in quotes")
-    return parser.parse_args(arguments)
+    replays.add_argument(
+        "--program", default="", help="where it is now; in quotes with its settings, if they are not those of the tape"
+    )
+    options, others = parser.parse_known_args(arguments)
+    settings = [word for word in others if options.what == "record" and "=" in word and not word.startswith("-")]
+    if wrong := [word for word in others if word not in settings]:
+        parser.error(f"unrecognized arguments: {' '.join(wrong)}")
+    if settings:  # they may stand behind the options
+        options.settings += settings
+    return options

@@ -3,6 +3,7 @@
 `replay("tests/opening.tape")` in a test fails at the first frame that is not as it was.
 """
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +38,14 @@ def record(program: str, tape: str | Path, *, seed: int = 0, decisions: int = 25
 def replay(tape: str | Path, program: str = "", pictures: str | Path | None = None) -> int:
     """Play a tape again, and return how many frames it has. Raises TapeError at the first frame that differs.
 
-    program: another than that of the tape, for example in another folder. pictures: the folder for what was expected
-    and what came, side by side, if a frame differs; default: that of the tape.
+    program: another than that of the tape, for example in another folder; without settings behind it, it gets those of
+    the tape. pictures: the folder for what was expected and what came, side by side, if a frame differs; default: that
+    of the tape.
     """
     tape = Path(tape)
     read = read_tape(tape)
     try:
-        with opened(program or read.note["program"], read.note["options"]) as (rerun, _):
+        with opened(_with_settings(program, read.note["program"]), read.note["options"]) as (rerun, _):
             return compare(read, rerun)
     except AdapterError as error:
         if program:
@@ -61,6 +63,14 @@ def replay(tape: str | Path, program: str = "", pictures: str | Path | None = No
         before, now = read.note.get("pygame", ""), pygame_version()
         drawn = f"; it was recorded with {before}, and this is {now}" if before and before != now else ""
         raise TapeError(f"{text}{drawn}") from None
+
+
+def _with_settings(program: str, taped: str) -> str:
+    """Return the program that is played, with the settings of the tape if it has none."""
+    if not program:
+        return taped
+    words = shlex.split(program)
+    return shlex.join([*words, *shlex.split(taped)[1:]]) if len(words) == 1 else program
 
 
 def _beside(expected: Any, came: Any, path: Path) -> str:

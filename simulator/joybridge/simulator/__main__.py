@@ -8,11 +8,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
+from threading import Timer
 
 from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
+from joybridge.progress import SILENCE_SECONDS, say
 from joybridge.simulator.authentication import load_server_credentials
 from joybridge.simulator.catalog import CatalogError, load_game, load_games, specs
 from joybridge.simulator.listing import WIDTH, listing
@@ -130,7 +132,12 @@ def _serve(options: argparse.Namespace) -> None:
     if idle_seconds is None:
         idle_seconds = math.inf if options.with_parent else Limits().idle_seconds
     limits = Limits(options.sessions, options.step_seconds, options.start_seconds, idle_seconds)
+    waiting = Timer(SILENCE_SECONDS, say, [f"starting {', '.join(options.game)}; on a busy machine this takes longer"])
+    waiting.daemon = True
+    if not options.with_parent:  # which says so itself
+        waiting.start()
     games = load_games(options.game, options.workers, WORKER_SHARE * options.step_seconds)
+    waiting.cancel()
     asyncio.run(serve(games, options.address, limits, protection, options.with_parent))
 
 

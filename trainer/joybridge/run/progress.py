@@ -34,7 +34,7 @@ class Display:
             disable=self.plain,
         )
         self.task = self.bar.add_task(name, total=end, completed=begin, text="")
-        self.reward = ""
+        self.reward, self.rows = "", 0
         self.printed = time.monotonic()
 
     def report(self, timesteps: int, live: Row, row: Row | None) -> None:
@@ -44,14 +44,15 @@ class Display:
             self.heading = ""
         shares = " ".join(f"{name} {100 * live[name]:.0f} %" for name in ACTIVITIES)
         speed = _speed(live["timesteps_per_second"])
-        rate = live["timesteps_per_second"] if self.plain else 0.0
-        left = minutes_left((self.end - timesteps) / rate) if rate > 0 else ""
         if row is not None:
+            rate = live["timesteps_per_second"] if self.plain and self.rows else 0.0  # at first, something is compiled
+            left = minutes_left((self.end - timesteps) / rate) if rate > 0 else ""
+            self.rows += 1
             if "reward" in row:
                 self.reward = f"reward {row['reward']:.1f}"
             self.say(f"{timesteps:>11,}  {row_text(row)}  {speed}  ({shares}){left}")
         elif self.plain and time.monotonic() - self.printed > SILENCE_SECONDS:
-            self.say(f"{timesteps:>11,}  {speed}  ({shares}){left}")
+            self.say(f"{timesteps:>11,}  {speed}  ({shares})")
         self.bar.update(self.task, completed=timesteps, text=f"{self.reward}  {speed}  ({shares})")
 
     def say(self, text: str) -> None:
