@@ -118,6 +118,15 @@ def test_a_score_that_falls_back_within_episodes_is_named_once(rewards, ends, sa
         assert found[0].startswith("player: one decision took back all that several before it had paid (4, 8, 12, …)")
 
 
+@pytest.mark.parametrize(("punished", "lines"), [(8, 1), (10, 0)])
+def test_a_game_that_punishes_takes_back_everything_at_times_by_chance(punished, lines):
+    policy, adviser = lively("hybrid")
+    policy.rollout.rewards[:] = 0.0
+    policy.rollout.rewards[2:6, :TAKEN_BACK] = np.array([1, 2, 1, -4])[:, None] * np.arange(1, TAKEN_BACK + 1)
+    policy.rollout.rewards[7, -punished:] = -1.0
+    assert len(said(adviser, 3)) == lines
+
+
 @pytest.mark.parametrize(("paid", "lines"), [(0.0, 1), (-0.5, 0)])
 def test_a_game_that_has_never_paid_is_named_once(paid, lines):
     policy, adviser = lively("hybrid")

@@ -27,6 +27,7 @@ RARE = 0.01  # share of decisions; a button that is pressed less often is about 
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
 PAID = 3  # rewards of an episode, from which on it is no chance that one decision takes back their sum
 TAKEN_BACK = 3  # different sums of which that has happened; a punishment is always as large
+LOSSES = 0.25  # at least, of the rewards below 0, take back all where a score falls back
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
 
 
@@ -60,7 +61,8 @@ class Adviser:
         lanes = policy.rollout.rewards.shape[1]
         self._sums = np.zeros(lanes)  # of rewards in each episode
         self._paid = np.zeros(lanes, int)  # how many there were since the sum was 0
-        self._taken_back = set[float]()  # sums that one decision took back, TAKEN_BACK or more once it is said
+        self._taken_back: set[float] | None = set()  # sums that one decision took back; None once it is said
+        self._losses = 0.0  # a share of the rewards below 0, less those that took back all
         layout = policy.actor.layout
         branches = [branch for part in (*layout.continuous, *layout.discrete) for branch in covers(part)[1]]
         self._same = dict.fromkeys(branches, (-1, 0))  # branch -> its last choice, how often
@@ -96,8 +98,9 @@ class Adviser:
                 "what leads there"
             )
             self._unpaid = None
-        if len(self._taken_back) < TAKEN_BACK and len(self._note_taken_back()) >= TAKEN_BACK:
-            sums = ", ".join(f"{each:g}" for each in sorted(self._taken_back)[:TAKEN_BACK])
+        if self._taken_back is not None and len(taken := self._note_taken_back(self._taken_back)) >= TAKEN_BACK:
+            sums = ", ".join(f"{each:g}" for each in sorted(taken)[:TAKEN_BACK])
+            self._taken_back = None
             yield (
                 f"{name}: one decision took back all that several before it had paid ({sums}, …), as where a game "
                 "begins anew and its score falls to 0: let the episode end there, for a pygame program by done=TEXT, "
@@ -153,15 +156,20 @@ class Adviser:
                 "If it does not learn"
             )
 
-    def _note_taken_back(self) -> set[float]:
-        """Return the sums of what several decisions of an episode had paid and one, not the last, has taken back."""
+    def _note_taken_back(self, taken: set[float]) -> set[float]:
+        """Note the sums of what several decisions of an episode had paid and one, not the last, has taken back.
+
+        Return them, or none while most losses are others: in a game that punishes, a few are as large by chance.
+        """
         rollout = self._policy.rollout
         for rewards, ended in zip(rollout.rewards, rollout.terminated | rollout.truncated, strict=True):
-            back = (self._paid >= PAID) & (rewards < 0) & np.isclose(self._sums, -rewards) & ~ended
-            self._taken_back |= {round(each, 3) for each in self._sums[back].tolist()}
+            lost = (rewards < 0) & ~ended
+            back = (self._paid >= PAID) & lost & np.isclose(self._sums, -rewards)
+            self._losses += LOSSES * lost.sum() - back.sum()
+            taken |= {round(each, 3) for each in self._sums[back].tolist()}
             self._sums = np.where(ended, 0.0, self._sums + rewards)
             self._paid = np.where(np.isclose(self._sums, 0.0), 0, self._paid + (rewards > 0))
-        return self._taken_back
+        return taken if self._losses <= 0.0 else set()
 
     def _weights(self) -> str:
         """Return where a kind of reward gets its weight."""

@@ -16,7 +16,7 @@ REPEATED = {"reward", "done"}
 NUMBERS = {  # the default of each, and its range
     "fps": (60.0, 1.0, 1000.0),
     "seconds": (10.0, 0.1, 3600.0),
-    "start": (20.0, 0.1, 3600.0),
+    "start": (60.0, 0.1, 3600.0),
     "memory": (2048, 128, 1 << 20),
     "max_decisions": (1024, 1, 100_000),
 }
