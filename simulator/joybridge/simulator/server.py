@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from threading import Thread
 from types import FrameType
 
@@ -35,6 +34,7 @@ SERVICE = pb.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 GRACE_SECONDS = 1.0  # for calls to end after a signal
 GAME_SECONDS = 0.5  # for games to end after that
 STDERR = 2  # the descriptor, because a game may have closed or replaced `sys.stderr`
+ENDING = (signal.SIGINT, signal.SIGTERM)
 STUCK_SECONDS = 4.0  # for all of it, before the process ends wherever it is
 SILENT_MS, ANSWER_MS = 8_000, 5_000  # without a byte of a client, until it is asked whether it is there; for its answer
 # How long the thread of a game may run Python code while the event loop waits. Beside four games in endless loops, a
@@ -107,10 +107,12 @@ def _stop_event(with_parent: bool) -> asyncio.Event:
         with suppress(RuntimeError):  # the loop is closed already
             loop.call_soon_threadsafe(stop.set)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        with suppress(NotImplementedError):  # Windows
-            loop.add_signal_handler(number, stop.set)
-        signal.signal(number, partial(_watch_the_end, end))  # in addition: the loop hears of signals through a pipe
+    ear, mouth = socket.socketpair()
+    mouth.setblocking(False)
+    for number in ENDING:
+        signal.signal(number, _leave_it_to_the_thread)
+    signal.set_wakeup_fd(mouth.detach())  # for as long as the process runs
+    Thread(target=_listen_for_signals, args=[ear, end], daemon=True).start()
     if with_parent:
         try:
             loop.add_reader(sys.stdin, stop.set)  # readable only when it closes, because nothing is written to it
@@ -121,10 +123,20 @@ def _stop_event(with_parent: bool) -> asyncio.Event:
     return stop
 
 
-def _watch_the_end(end: Callable[[], object], number: int, frame: FrameType | None) -> None:
-    """Handle a signal: if the event loop is stuck, end the process all the same, with all stacks in the log."""
-    end()
-    faulthandler.dump_traceback_later(STUCK_SECONDS, exit=True, file=STDERR)
+def _leave_it_to_the_thread(number: int, frame: FrameType | None) -> None:
+    """Handle a signal by doing nothing: Python writes its number into the socket, wherever the main thread hangs."""
+
+
+def _listen_for_signals(ear: socket.socket, end: Callable[[], object]) -> None:
+    """Call `end` at each signal; if the event loop is stuck, end the process all the same, with its stacks in the log.
+
+    This is a thread's work because a handler runs between two instructions of Python in the main thread, and never
+    where a signal comes just before a system call that does not return.
+    """
+    while number := ear.recv(1):
+        if number[0] in ENDING:
+            faulthandler.dump_traceback_later(STUCK_SECONDS, exit=True, file=STDERR)
+            end()
 
 
 def _read_to_the_end(end: Callable[[], object]) -> None:
