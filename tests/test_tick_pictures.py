@@ -18,6 +18,7 @@ from joybridge.v1 import bridge_pb2 as pb
 from tests.support.wire import SAVE, Player, act, start
 from tests.test_reasons import GAMES, START, gauntlet_act
 
+SMALL = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
 TICKED = ["beastly_rivals", "beastly_rivals_full"]
 
 
@@ -61,17 +62,28 @@ def test_a_client_sees_every_tick_where_the_game_draws_them(simulator):
 
 @pytest.mark.parametrize("game", ["beastly_rivals", "shooting_birds"])  # ticks of 20 ms: six and one per decision
 def test_a_video_shows_the_ticks_of_decisions_that_are_slow(game, simulator, signals, tmp_path):
-    small = PolicyConfig(frame_stack=1, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=32)
-    config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=small)
+    config = Config(game=game, arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
     train(config, tmp_path / "run", [simulator], resume=False)
     said: list[str] = []
     frames = record(PlaySpec(tmp_path / "run", simulator, seed=0), tmp_path / "a.mp4", seconds=1.0, say=said.append)
-    unended = "no episode has ended within 1 s; --seconds makes the video longer"
+    unended = "no episode has ended within 1 s; --episodes 1 records a whole one"
     assert (unended in said) == (game == "shooting_birds")  # whose episodes last longer
     with av.open(str(tmp_path / "a.mp4")) as video:
         pictures = [picture.to_ndarray(format="rgb24").tobytes() for picture in video.decode(video=0)]
         assert video.streams.video[0].average_rate == 25 == frames == len(pictures)
     assert len(set(pictures)) > 20
+
+
+def test_a_video_lasts_as_long_as_its_episodes(simulator, signals, tmp_path):
+    config = Config(game="beastly_rivals", arenas=4, total_timesteps=64, log_interval=64, policy=SMALL)
+    train(config, tmp_path / "run", [simulator], resume=False)
+    plays, output = PlaySpec(tmp_path / "run", simulator, seed=0), tmp_path / "a.mp4"
+    one, two = (record(plays, output, episodes=episodes, say=print) for episodes in (1, 2))
+    assert 0 < one < two
+    for frames, ended in ((one - 3, False), (one, True)):  # three frames show a decision
+        said: list[str] = []
+        assert record(plays, output, seconds=frames / 25, say=said.append) == frames
+        assert ended != any("no episode has ended" in line for line in said)
 
 
 def test_ticks_that_cannot_be_drawn_are_refused():

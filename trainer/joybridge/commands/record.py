@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import seconds
+from joybridge.client.argument_types import at_least, seconds
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
@@ -19,7 +19,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     """Run the command line and return its exit status."""
     parser, command = playing_parser(prog, "record", "Record a video of the policy of a run.")
     command.add_argument("output", type=Path, help="e.g. play.mp4 or play.gif")
-    command.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
+    length = command.add_mutually_exclusive_group()
+    length.add_argument("--seconds", type=seconds, default=40.0, help="length of the video; default %(default)g")
+    length.add_argument("--episodes", type=at_least(1), help="record so many whole episodes, however long they are")
     command.add_argument("--inputs", action="store_true", help="below the picture, draw what the policy presses")
     add_others(command)
     return run_command(_record, parse_playing(parser, command, arguments))
@@ -28,8 +30,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 def _record(options: argparse.Namespace) -> None:
     video_format(options.output)
     games = games_played(options)
-    if len(games) > 1 and options.inputs:
-        raise ConfigError(f"--inputs is for one game; name it with --only-game: {', '.join(games)}")
+    if len(games) > 1 and (options.inputs or options.episodes):
+        what = "--inputs" if options.inputs else "--episodes"
+        raise ConfigError(f"{what} is for one game; name it with --only-game: {', '.join(games)}")
     with open_player(options) as simulator:
         from joybridge.play.record import record
         from joybridge.play.record_games import record_games
@@ -38,7 +41,8 @@ def _record(options: argparse.Namespace) -> None:
         if len(games) > 1:
             frames = record_games(plays, options.output, games=games, seconds=options.seconds)
         else:
-            frames = record(plays, options.output, seconds=options.seconds, say=say, inputs=options.inputs)
+            length = None if options.episodes else options.seconds
+            frames = record(plays, options.output, length, options.episodes, say=say, inputs=options.inputs)
     print(f"{options.output}: {frames} frames")
     say_next(
         *(["export", str(options.run), "policy.onnx"] if _can_be_exported(options) else ["watch", str(options.run)])

@@ -19,8 +19,16 @@ FASTEST = 30.0  # frames per second; faster games are recorded every few decisio
 SLOWEST = 5.0  # for turn-based games
 
 
-def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str], None], inputs: bool = False) -> int:
-    """Record `seconds` of video of a run's policy in one arena; return the number of frames.
+def record(
+    plays: PlaySpec,
+    output: Path,
+    seconds: float | None = None,
+    episodes: int | None = None,
+    *,
+    say: Callable[[str], None],
+    inputs: bool = False,
+) -> int:
+    """Record `seconds` or `episodes` of a run's policy in one arena; return the number of frames.
 
     The picture is the simulator's, score included, after every tick where decisions are slower than FASTEST, with a
     cross where a pointer is put; images that the policy sees are beside it, and what it remembers is below.
@@ -34,39 +42,42 @@ def record(plays: PlaySpec, output: Path, *, seconds: float, say: Callable[[str]
         if play.spec.tick_seconds and pace < FASTEST:
             ticks = play.spec.decision_interval
         every = math.ceil(pace * ticks / FASTEST)
-        frames = round(seconds * pace * ticks / every)
+        frames = None if seconds is None else round(seconds * pace * ticks / every)
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
         progress = Progress(say)
         height = view.height + (overlay.height if overlay else 0)
-        ended = False
+        number = ended = 0
         with VideoFile(output, view.width, height, pace * ticks / every) as video:
-            for number, (decision, picture, over) in enumerate(islice(_pictures(play, ticks, every), frames), 1):
+            pictures = islice(_pictures(play, ticks, every, episodes), frames)
+            for number, (decision, picture, ended) in enumerate(pictures, 1):
                 marked = mark_pointers(picture, play.spec, decision.acts)
                 seen = view.beside(marked, decision.after, play.remembered())
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
-                progress.report(f"{number} of {frames} frames")
-                ended = over
+                progress.report(f"{number} of {frames} frames" if frames else f"{ended} of {episodes} episodes")
         if not ended:
-            say(f"no episode has ended within {seconds:g} s; --seconds makes the video longer")
-    return frames
+            say(f"no episode has ended within {seconds:g} s; --episodes 1 records a whole one")
+    return number
 
 
-def _pictures(play: Play, ticks: int, every: int) -> Iterator[tuple[Played, Array, bool]]:
-    """Yield pictures of the first arena, each with its decision, and whether an episode has ended by then.
+def _pictures(play: Play, ticks: int, every: int, episodes: int | None) -> Iterator[tuple[Played, Array, int]]:
+    """Yield pictures of the first arena, each with its decision and the number of episodes that have ended by then.
 
-    ticks: of a decision that are shown. every: yield one picture of so many. An episode that ends within a decision, or
-    a game that draws decisions only, shows its last picture for the rest of the decision.
+    ticks: of a decision that are shown. every: yield one picture of so many. episodes: stop after them; None: never. An
+    episode that ends within a decision, or a game that draws decisions only, shows its last picture for the rest of the
+    decision.
     """
-    number, ended = 0, False
+    number = ended = 0
     for decision in play.decisions(every if ticks == 1 else 1, ticks=ticks > 1):
-        ended = ended or any(len(step.ended) for step in decision.after)
+        ended += any(len(step.ended) for step in decision.after)
         if ticks == 1:
             yield from ((decision, picture, ended) for picture in decision.pictures)
-            continue
-        for tick in range(ticks):
-            number += 1
-            if number % every == 0:
-                yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)], ended
+        else:
+            for tick in range(ticks):
+                number += 1
+                if number % every == 0:
+                    yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)], ended
+        if ended == episodes:
+            return
 
 
 def pace_of(spec: pb.GameSpec) -> float:

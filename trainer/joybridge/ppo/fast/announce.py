@@ -16,7 +16,7 @@ class _Listener(event.Listener):  # type: ignore[misc]
         """Say it at the first function."""
         if not self._said:
             self._said = True
-            self._say("compiling for this machine and these settings, up to a minute; this is kept for later runs")
+            self._say("compiling for this machine and these settings, a minute or two; this is kept for later runs")
 
     def on_end(self, event: event.Event) -> None:
         """Do nothing."""
