@@ -18,7 +18,7 @@ from joybridge.policy.seats import Result
 from joybridge.policy.table import Guest, Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.progress import Progress
-from joybridge.run.checkpoint import checkpoints, read_checkpoint
+from joybridge.run.checkpoint import NO_CHECKPOINT, checkpoints, read_checkpoint
 from joybridge.run.pool import load_pooled, pooled, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -42,7 +42,7 @@ def find_trained(run: Path, limit: int) -> list[Trained]:
     """
     folders = checkpoints(run)
     if not folders:
-        raise ConfigError(f"{run} holds no checkpoint; train it first, or name another run")
+        raise ConfigError(f"{run} {NO_CHECKPOINT}")
     past = pooled(read_checkpoint(folders[-1])[0])
     found = {timesteps: Trained(run, timesteps, folders[-1], number) for number, timesteps in past.items()}
     found |= {int(folder.name): Trained(run, int(folder.name), folder) for folder in folders}

@@ -25,6 +25,10 @@ log = logging.getLogger("joybridge.trainer")
 
 FORMAT = 4
 BEST = "best"  # name of the folder of the best checkpoint
+NO_CHECKPOINT = (
+    "holds no checkpoint; train it first, or, while it trains, wait for its first (checkpoint_seconds), or name "
+    "another run"
+)
 ARRAYS, MANIFEST, SUMS = "arrays.safetensors", "manifest.json", "SHA256SUMS"
 MAX_ARRAYS_BYTES = 2**32  # bytes
 MAX_TEXT_BYTES = 2**20  # bytes of the other two files
@@ -101,7 +105,7 @@ def load_checkpoint(run: Path, which: str = "") -> tuple[dict[str, Array], Manif
             raise CheckpointError(f"{run} has no checkpoint {which!r}; it has {', '.join(names) or 'none'}")
         return read_checkpoint(names[which])
     if not folders:
-        raise CheckpointError(f"{run} holds no checkpoint; train it first, or name another run")
+        raise CheckpointError(f"{run} {NO_CHECKPOINT}")
     errors = []
     for folder in reversed(folders):
         try:

@@ -78,7 +78,9 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
                 f"cannot resume {run}: {words}; resume {run}/config.yaml, or use another --run for a new configuration"
             )
     elif not resume and has_checkpoint(run):
-        raise ConfigError(f"{run} already holds a run; continue it with --resume, or name another folder with --run")
+        raise ConfigError(
+            f"{run} already holds a run; name another folder with --run, or go on with it by joybridge train --resume"
+        )
 
 
 def keep_config(config: Config, run: Path) -> None:
