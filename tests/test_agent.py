@@ -116,6 +116,15 @@ def test_an_observation_that_the_game_does_not_have_is_named(change, message, tr
         agent.act(SEEN | change)
 
 
+def test_the_value_of_an_only_sensor_needs_no_name(trained):
+    run = trained(game="brittle")
+    name = load(run).behavior.sensors[0].name
+    agents = [load(run, deterministic=True) for _ in range(2)]
+    assert agents[0].act(np.ones(2, np.float32)) == agents[1].act({name: [1.0, 1.0]})
+    with pytest.raises(TensorError, match="a value of type list, expected a dict with the values of place, count, im"):
+        load(trained(game="hybrid")).act([0.5, -1.0])
+
+
 def test_a_sensor_that_no_policy_sees_may_be_left_out(trained):
     agent = load(trained(game="hybrid", policy=SMALL.model_copy(update={"sensors": ["place", "lamps"]})))
     seen = {name: SEEN[name] for name in ("place", "lamps")}

@@ -43,17 +43,18 @@ class Agent:
 
     def act(
         self,
-        observation: Mapping[str, Any],
+        observation: Any,
         masks: Mapping[str, Sequence[bool]] | None = None,
         rewards: Mapping[str, float] | None = None,
     ) -> dict[str, float | int]:
         """Return what to do now: a float for each axis and an int for each branch, by name, as `Game.step` takes them.
 
         observation: the value of each sensor, by name, in the shape of the spec; sensors that the policies do not see
-        may be left out. masks: the allowed choices of branches, by name; those that are left out allow all. rewards:
-        what channels gave since the last decision, by name; those that are left out gave 0; only policies with
-        `remember_acts` use them. Call this for every decision of the agent, in order, since policies remember what they
-        saw. Raises TensorError for an observation, a mask or a reward that the spec does not have.
+        may be left out. Where there is one sensor, as with a Box of Gymnasium, its value alone will do. masks: the
+        allowed choices of branches, by name; those that are left out allow all. rewards: what channels gave since the
+        last decision, by name; those that are left out gave 0; only policies with `remember_acts` use them. Call this
+        for every decision of the agent, in order, since policies remember what they saw. Raises TensorError for an
+        observation, a mask or a reward that the spec does not have.
         """
         device = self.behavior.device
         step = _zeros(self.behavior)
@@ -98,9 +99,14 @@ def _zeros(behavior: pb.Behavior) -> StepArrays:
     return StepArrays(seen, np.zeros((1, len(behavior.channels)), np.float32), np.zeros(1, bool), np.zeros(1, bool))
 
 
-def _observations(behavior: pb.Behavior, needed: Set[str], given: Mapping[str, Any]) -> list[Array]:
+def _observations(behavior: pb.Behavior, needed: Set[str], given: Any) -> list[Array]:
     """Return what each sensor shows, [1, *shape], zeros where it is not needed and not given. Raises TensorError."""
     names = [sensor.name for sensor in behavior.sensors]
+    if not isinstance(given, Mapping):
+        if len(names) > 1:
+            wanted = f"expected a dict with the values of {', '.join(names)}"
+            raise TensorError(f"observation: got a value of type {type(given).__name__}, {wanted}")
+        given = {names[0]: given}
     if not needed <= set(given) <= set(names):
         expected = ", ".join(name for name in names if name in needed)
         raise TensorError(f"observation: got the sensors {', '.join(given) or 'none'}, expected {expected}")
