@@ -270,13 +270,18 @@ def test_the_table_shows_what_all_runs_have_reached_and_the_time_left_leaves_fai
     display, printed = Display(jobs, finished=[]), io.StringIO()
     display.console = Console(file=printed, width=200)
     display.update([jobs[1]])
+    assert display.time_left() == "measuring"
+    with (jobs[1].run / "metrics-a.csv").open("a") as metrics:
+        metrics.write("4000,3.5\n")
+    display.update([jobs[1]])
+    assert display.first == {jobs[0]: 3000, jobs[1]: 4000} and display.time_left() == "measuring"
     display.console.print(display.table())
     display.end(jobs[0], "error: it failed")
     display.end(jobs[1], None)
     heads, survive, every, _, failed, done = map(str.split, printed.getvalue().splitlines())
     assert heads == ["experiment", "finished", "running", "timesteps", "reward"]
-    assert survive == ["survive", "0", "of", "2", "1", "50", "%", "3"]
-    assert every == ["all", "0", "of", "2", "1", "50", "%"]
+    assert survive == ["survive", "0", "of", "2", "1", "58", "%", "3"]
+    assert every == ["all", "0", "of", "2", "1", "58", "%"]
     assert failed[:5] == ["survive-s0:", "failed:", "error:", "it", "failed"]
     assert done == ["survive-s1:", "done,", "reward", "3.5"]
     assert list(display.first) == [jobs[1]]

@@ -26,13 +26,18 @@ class Display:
         self.jobs, self.ended, self.running = list(jobs), set(finished), set[Job]()
         self.rows = {job: job.last_row() for job in jobs}
         self.first = {job: self._done(job) if job.exact else 0 for job in jobs if job not in finished}  # nor failed
-        self.begin, self.progress = time.monotonic(), Progress(self._print, SILENCE_SECONDS)
+        self.begin: float | None = None  # of the measurement: when the first row was there, since its run compiled
+        self.progress = Progress(self._print, SILENCE_SECONDS)
         self.live = Live(get_renderable=self.table, console=self.console, refresh_per_second=2, transient=True)
 
     def update(self, running: Sequence[Job]) -> None:
         """Show the progress of the running jobs and of all."""
         self.running = set(running)
         self.rows |= {job: job.last_row() for job in running}
+        if self.begin is None:
+            reached = {job: self._done(job) for job in running}
+            if any(reached[job] > self.first[job] for job in running):
+                self.begin, self.first = time.monotonic(), self.first | reached
         if not self.console.is_terminal:  # else a live table
             self.progress.report(f"{len(self.ended)} of {len(self.jobs)} runs finished; {self.time_left()}")
 
@@ -74,7 +79,7 @@ class Display:
         """Return the speed of all running jobs and the time left at this speed."""
         done, first = sum(map(self._done, self.first)), sum(self.first.values())
         left = sum(job.timesteps for job in self.first) - done
-        return time_left(left, (done - first) / (time.monotonic() - self.begin))
+        return time_left(left, (done - first) / (time.monotonic() - self.begin) if self.begin else 0.0)
 
     def _print(self, text: str) -> None:
         self.console.print(text, soft_wrap=True, markup=False)
