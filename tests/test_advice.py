@@ -7,7 +7,7 @@ from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
-from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser, intervals_too_short
+from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser, intervals_too_short, too_few_updates
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 
@@ -49,6 +49,12 @@ def test_a_run_that_is_never_measured_or_less_often_than_it_says_is_named():
     for due in (None, {"every": 500}, {"every": None}):
         fine = Config(game="hybrid", total_timesteps=1000, log_interval=500, evaluate_during=due)
         assert not [*intervals_too_short(fine)]
+
+
+def test_a_run_of_a_few_updates_is_named():
+    (few,) = too_few_updates(Config(game="hybrid", total_timesteps=30_000))
+    assert "30,000 timesteps are 6.8 updates of 4,425 (75 arenas, policy.rollout_steps 59), and a policy" in few
+    assert not [*too_few_updates(Config(game="hybrid", total_timesteps=44_250))]
 
 
 def test_an_update_that_changes_the_policy_beyond_sense_is_named_once():

@@ -289,6 +289,17 @@ def test_the_page_says_how_many_held_out_episodes_are_behind_a_score():
     assert "of the rows of metrics in the last tenth of its timesteps, each of 1,500 episodes" in text([between, last])
 
 
+def test_a_score_of_episodes_before_the_last_tenth_is_named():
+    def text(*ends):
+        rows = [{"timesteps": end, "reward": 1.0, "episodes": 50.0} for end in (500.0, *ends)]
+        run = score_run([*rows, {"timesteps": 2000.0, "entropy": 1.0}], "x", 0, "reward")
+        return text_of(analyze("reward", {"a": [run, replace(run, seed=1)]}))
+
+    assert "**In 2 of 2 runs no episode ends in the last tenth of the timesteps.** " in text(1700.0, 1800.0)
+    assert "which ends after 1,800 timesteps at the earliest" in text(1700.0, 1800.0)
+    assert "no episode ends" not in text(1900.0)
+
+
 def test_the_page_says_how_many_episodes_of_the_training_are_behind_a_score():
     def text(*counts, **measured):
         rows = [{"timesteps": 100.0 * i, "reward": 1.0, "episodes": 50.0} for i in range(1, 20)]

@@ -9,6 +9,7 @@ be deleted.
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
 from joybridge.client.command_line import add_own_game, say_next
@@ -57,6 +58,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
+from joybridge.run.advice import too_few_updates
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.origin import own_origin
 from joybridge.run.run_lock import locked
@@ -178,6 +180,7 @@ def remarks(
         )
     if warning := different_bodies(variants, specs):
         yield warning
+    yield from islice(chain.from_iterable(too_few_updates(each.config) for each in variants if not each.by), 1)
     if options.test is None and (short := too_short_for_scores(variants, specs, options.metric)):
         yield short
     if changed := changed_sources([*read_made_with(options.output), MadeWith({}, sources)]):

@@ -236,6 +236,14 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
             )
     if few := few_episodes(analysis):
         blocks.append(f"**{few}.** {_WHOLE}")
+    runs = [run for result in analysis.results for run in result.runs]
+    if early := [run.early for run in runs if run.early]:
+        blocks.append(
+            f"**In {len(early)} of {_count(len(runs), 'run')} no episode ends in the last tenth of the timesteps.** "
+            f"The score is of the last row of metrics in which some do, which ends after {min(early):,} timesteps at "
+            "the earliest. Where all episodes are as long, those of all arenas end at once: take fewer arenas, train "
+            "for longer, or repeat the command with `--test`, which plays whole episodes with every policy."
+        )
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "

@@ -46,6 +46,12 @@ class Run:
         return sum(point.episodes for point in _last(self.points, self.end, self.end))
 
     @property
+    def early(self) -> int:
+        """Return where the only row ends on which the score rests although it is before the last tenth; else 0."""
+        last = _last(self.points, self.end, self.end)[-1]
+        return 0 if self.measured is not None or last.timesteps > self.end - self.end / PARTS else last.timesteps
+
+    @property
     def seconds(self) -> float:
         """Return the wall-clock time of the run in seconds."""
         return self.points[-1].seconds

@@ -19,7 +19,7 @@ from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
 from joybridge.policy.policy import Policy
 from joybridge.policy.stratify import balanced_options
-from joybridge.run.advice import Adviser, intervals_too_short
+from joybridge.run.advice import Adviser, intervals_too_short, too_few_updates
 from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import keep_config, keep_spec
@@ -201,7 +201,7 @@ def open_training(
     spec = fitting_spec(addresses[0], config)
     lineup = make_lineup(addresses[0], config) if config.games else None
     kinds = kinds_of(arenas_by_game(config)) if lineup else None
-    remarks = [*(lineup.lines() if lineup else ()), *intervals_too_short(config)]
+    remarks = [*(lineup.lines() if lineup else ()), *intervals_too_short(config), *too_few_updates(config)]
     for line in () if state.timesteps else remarks:
         audience.say(line)
     balanced_options(config, spec)  # here and below: an error where it is needed would come too late
