@@ -364,3 +364,11 @@ def test_names_mean_nothing_to_markdown_and_html(tmp_path):
     html = page_html(page_text(analysis, setting_of(analysis, ["x: <i>"])), tmp_path)
     assert "<strong>a|&lt;b&gt;*$</strong>" in html or "<td>a|&lt;b&gt;*$</td>" in html
     assert "<li>x: &lt;i&gt;</li>" in html and html.count("<table>") == 6
+
+
+def test_runs_are_timed_to_a_score_that_their_curves_have_where_scores_are_measured_apart():
+    rows = [{"timesteps": 100.0 * i, "reward": float(i), "episodes": 50.0} for i in range(1, 11)]
+    run = score_run([*rows[:-1], {**rows[-1], "held_out_reward": 30.0}], "x", 0, "held_out_reward")
+    found = analyze("held_out_reward", {"a": [run, run]})
+    assert found.results[0].iqm.value == 30.0 and found.score == 10.0
+    assert [first and first.timesteps for first in found.results[0].firsts(found.score)] == [1000, 1000]

@@ -29,6 +29,8 @@ from joybridge.run.sources import changed_sources
 if TYPE_CHECKING:
     from joybridge.play.playing import PlaySpec
 
+SEED = 1000  # of what is played, which is hardly that of a training
+
 
 def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     """Return the parser of a command line, and of its command, which has the options that all such commands have."""
@@ -36,7 +38,11 @@ def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentPa
     command = parser.add_subparsers(dest="command", required=True).add_parser(name, description=text)
     command.add_argument("run", type=Path, help="folder of a run")
     command.add_argument(
-        "--seed", type=at_least(0), default=1, help="seed of environments and action sampling; default %(default)s"
+        "--seed",
+        type=at_least(0),
+        default=SEED,
+        help="seed of environments and action sampling; default %(default)s. With the seed of its training, a run "
+        "would play episodes from which it has learned",
     )
     command.add_argument(
         "--checkpoint", default="", metavar="WHICH", help="timesteps of a checkpoint, or best; default: the newest"

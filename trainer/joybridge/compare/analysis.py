@@ -136,8 +136,9 @@ def analyze(
 ) -> Analysis:
     """Return the statistics of all variants.
 
-    runs: at least one of each variant, by its label. score: that runs are timed to; None: the lowest IQM of the final
-    scores. tested: pairs of labels, of which those with runs are tested; None: all pairs.
+    runs: at least one of each variant, by its label. score: that runs are timed to; None: the lowest IQM that a variant
+    has at the end of its curve, which is that of the final scores unless these were measured apart. tested: pairs of
+    labels, of which those with runs are tested; None: all pairs.
     """
     scores = {label: np.array([[run.score] for run in each]) for label, each in runs.items()}
     everything = np.concatenate(list(scores.values()))
@@ -168,7 +169,7 @@ def analyze(
         )
         for (one, other), p_value, corrected in zip(labels, p_values, holm(p_values), strict=True)
     )
-    lowest = min(result.iqm.value for result in results)
+    lowest = min(float(interquartile_mean(np.array([[run.trained] for run in each]))) for each in runs.values())
     return Analysis(metric, lowest if score is None else score, results, pairs, score is not None)
 
 

@@ -358,9 +358,9 @@ def _timesteps_to_score(analysis: Analysis) -> str:
     chosen = (
         ""
         if analysis.score_given
-        else "**This score was chosen from these runs**: it is the lowest of the final scores above, so the times say "
-        "how the variants differ here, and are no measurement to report. Name a score that you chose before the runs "
-        "with `--score`. "
+        else f"**This score was chosen from these runs**: it is the lowest {analysis.center} at the end of the curves "
+        "above, so the times say how the variants differ here, and are no measurement to report. Name a score that you "
+        "chose before the runs with `--score`. "
     )
     heads = ("variant", "runs that reach it", "never", "median", "shortest to longest of those that do")
     return (

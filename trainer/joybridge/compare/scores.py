@@ -38,7 +38,12 @@ class Run:
     @cached_property
     def score(self) -> float:
         """Return what was measured at the end, or the mean over the episodes that end in the last tenth of the run."""
-        return _mean(_last(self.points, self.end, self.end)) if self.measured is None else self.measured
+        return self.trained if self.measured is None else self.measured
+
+    @cached_property
+    def trained(self) -> float:
+        """Return the mean over the episodes of the training that end in the last tenth of the run."""
+        return _mean(_last(self.points, self.end, self.end))
 
     @property
     def ended(self) -> int:
