@@ -11,6 +11,10 @@ from joybridge.client.client import Session
 from joybridge.client.simulator_source import last_simulators
 from joybridge.commands import clone
 from joybridge.commands.clone import main
+from joybridge.config.metrics import read_rows
+from joybridge.contract.codec import StepArrays
+from joybridge.demonstrations.recorded import RecordedEpisodes
+from joybridge.demonstrations.returns import discounted_returns
 from joybridge.layouts import make_acts
 from joybridge.play.agent import load
 from joybridge.progress import Progress
@@ -145,6 +149,40 @@ def test_the_same_seed_clones_the_same_and_the_best_pass_is_kept(demos, tmp_path
     out, err = capsys.readouterr()
     kept = float(re.findall(r"held out (-?[\d.]+)", out)[0])
     assert kept <= min(float(loss) for loss in re.findall(r"held out (-?[\d.]+)", err))
+
+
+@pytest.mark.parametrize("more", ["shared_body=true", "shared_body=false", "memory.kind=gru", "scale_rewards=true"])
+def test_the_critic_of_a_clone_predicts_what_is_earned(more, demos, simulator, tmp_path, capsys):
+    run, config = tmp_path / "clone", tmp_path / "clone" / "config.yaml"
+    assert main(["clone", str(demos), "--run", str(run), "--layout", "bucket-5", *SMALL, f"policy.{more}"]) == 0
+    (explained,) = re.findall(r"^critic: explains (\d+)% of how much held-out", capsys.readouterr().out, re.M)
+    assert int(explained) > 10
+    once = ["total_timesteps=128", "log_interval=128", "arenas=8", "policy.normalize_advantage=none"]
+    found = {}
+    for name, begin in (("on", ["--from", str(run)]), ("anew", [])):
+        command = ["train", str(config), "--run", str(tmp_path / name), "--simulator", simulator, *once, *begin]
+        assert trainer([*command, "demonstrations=null"]) == 0
+        (row,) = read_rows(tmp_path / name / "metrics-player.csv")
+        found[name] = row["explained_variance"], row["value_loss"]
+    assert found["on"][0] > max(0.1, found["anew"][0]) and found["on"][1] < found["anew"][1]
+
+
+def test_returns_are_discounted_where_a_lane_decides_and_end_with_its_episode():
+    def step(rewards, terminated=(False, False), truncated=(False, False), deciding=(True, True)):
+        earned = np.array(rewards)[:, None]
+        return [StepArrays([], earned, np.array(terminated), np.array(truncated), None, np.array(deciding))]
+
+    steps = [
+        step([9.0, 9.0]),  # of what was before
+        step([1.0, 10.0], deciding=(True, False)),
+        step([2.0, 20.0], terminated=(True, False)),
+        step([4.0, 40.0]),
+        step([8.0, 80.0], truncated=(True, True)),
+    ]
+    stretch = RecordedEpisodes(steps, [[]] * 4, [None] * 4)
+    returns = discounted_returns(stretch, 0, lambda step: step.rewards[:, 0], 0.5)
+    assert returns[:, 0].tolist() == [2.0, 2.0, 8.0, 8.0]
+    assert returns[:, 1].tolist() == [10 + 60.0, 20 + 0.5 * 80.0, 80.0, 80.0]
 
 
 def test_an_interruption_keeps_the_best_pass_so_far(demos, tmp_path, capsys, monkeypatch):

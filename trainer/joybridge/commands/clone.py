@@ -114,7 +114,7 @@ def _config(file: str, overrides: Sequence[str], recorded: Recorded, folder: Pat
 
 def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int) -> None:
     """Write a run whose policies have learned what demonstrations show. Raises ConfigError and StorageError."""
-    from joybridge.demonstrations.supervised import compare, fit, show  # torch takes seconds to load
+    from joybridge.demonstrations.supervised import compare, fit, show, teach_critic  # torch takes seconds to load
     from joybridge.policy.actor import make_actors
     from joybridge.ppo.threads import use_one_thread
     from joybridge.run.checkpoint import Manifest, save_checkpoint
@@ -145,7 +145,10 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
             if given.unsaid:
                 unsaid = f"{given.unsaid:,} of {given.unsaid + len(given.held_out):,} held-out decisions"
                 print(f"not counted: {unsaid}, which {config.layout} cannot say")
-        arrays |= actor_arrays(actor)
+        explained, moments = teach_critic(actor, given)
+        if not math.isnan(explained):
+            print(f"critic: explains {explained:.0%} of how much held-out decisions earn")
+        arrays |= actor_arrays(actor) | moments
     keep_config(config, run)
     keep_spec(spec, run)
     keep_origin(run)

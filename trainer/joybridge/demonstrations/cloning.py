@@ -14,6 +14,7 @@ from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
+from joybridge.demonstrations.returns import Demonstrated, discounted_returns
 from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
 from joybridge.layouts import Layout
 from joybridge.layouts.conditions import Conditions
@@ -22,7 +23,6 @@ from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import FrameStack
 from joybridge.policy.policy import Policy
 from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.loss import Actions
 from joybridge.ppo.memory import Sequences, cut
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.v1 import bridge_pb2 as pb
@@ -52,7 +52,7 @@ def demonstrate(
 class Targets(NamedTuple):
     """What a policy clones of what is demonstrated to it."""
 
-    actions: Actions | None  # None: nothing is shown to it
+    actions: Demonstrated | None  # None: nothing is shown to it
     remark: str
     unsaid: int = 0  # decisions that its layout cannot say, beside the actions
 
@@ -71,9 +71,11 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Tar
     found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]
     if not found:
         return Targets(None, f"{actor.name}: no decision of a finished episode is demonstrated")
-    numbers, sources, episodes_of, axes, choices = (
+    numbers, sources, episodes_of, returns, axes, choices = (
         np.concatenate(parts)
-        for parts in zip(*((p.numbers, p.sources, p.episodes, p.act.axes, p.act.choices) for p in found), strict=True)
+        for parts in zip(
+            *((p.numbers, p.sources, p.episodes, p.returns, p.act.axes, p.act.choices) for p in found), strict=True
+        )
     )
     masks = None
     if any(part.masks is not None for part in found):
@@ -110,7 +112,8 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Tar
     masked = None if additions is None else torch.from_numpy(additions[rows])
     conditions = Conditions(layout, device)
     counts = torch.from_numpy(conditions.counts(choices[rows])) if conditions else None
-    learned = Actions(observations=seen, continuous=own[0], discrete=own[1], masks=masked, counts=counts)
+    earned = torch.from_numpy(returns[rows])
+    learned = Demonstrated(seen, own[0], own[1], masked, earned, counts=counts)
     if actor.network.state_size:
         begins, lengths, parts = cut(episodes_of[rows], actor.config.memory.length)
         states = np.zeros((len(begins), actor.network.state_size), np.float32)
@@ -124,6 +127,7 @@ class _Shown(NamedTuple):
     numbers: Array  # what they see but images, float32 [rows, frame_stack x numbers]
     sources: Array  # the numbers of the pictures that they see, [rows, frame_stack]
     episodes: Array  # the number of the episode of each, [rows]
+    returns: Array  # of each, [rows]
     act: ActArrays
     masks: Sequence[Array] | None
 
@@ -139,6 +143,7 @@ def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterat
     sources.begin(numbered.numbers(0))
     past = np.zeros((len(ends), actor.past.size), np.float32)
     episodes = np.array([next(begun) for _ in ends])
+    returns = discounted_returns(stretch, index, actor.encoder.rewards, actor.config.gamma)
     for number, act in enumerate(stretch.acts):
         lanes = stretch.demonstrated(number, index) & (number <= ends)
         if lanes.any():
@@ -146,7 +151,7 @@ def _decisions(actor: Actor, numbered: Numbered, begun: Iterator[int]) -> Iterat
             own = None if masks is None else [mask[lanes] for mask in masks]
             done = ActArrays(act[index].axes[lanes], act[index].choices[lanes])
             seen = np.concatenate([past[lanes], numbers.now[lanes]], axis=1)
-            yield _Shown(seen, sources.now[lanes], episodes[lanes], done, own)
+            yield _Shown(seen, sources.now[lanes], episodes[lanes], returns[number, lanes], done, own)
         past = actor.past.note(past, act[index], stretch.steps[number][index].deciding)
         after = stretch.steps[number + 1][index]
         actor.past.settle(past, actor.encoder.rewards(after), after)

@@ -12,13 +12,15 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.cloning import targets
+from joybridge.demonstrations.critic import fit_critic
 from joybridge.demonstrations.episodes import Episode, finished_episodes, join_episodes
 from joybridge.demonstrations.recorded import Demonstration
+from joybridge.demonstrations.returns import Demonstrated
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches, refresh
 from joybridge.ppo.fast.kernels import Noise
-from joybridge.ppo.loss import Actions
+from joybridge.ppo.return_scale import moments_of
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
@@ -33,8 +35,8 @@ LEAST = 0.01  # share of decisions, or of a range, below which nothing is to be 
 class Shown:
     """What is demonstrated to one policy."""
 
-    learned: Actions
-    held_out: Actions | None  # None: there is one episode only
+    learned: Demonstrated
+    held_out: Demonstrated | None  # None: there is one episode only
     remark: str
     unsaid: int  # decisions of held-out episodes that the layout cannot say, which are not among these
 
@@ -108,13 +110,28 @@ def fit(actor: Actor, shown: Shown, passes: int) -> Generator[Fit, None, None]:
 
 
 @torch.no_grad()
-def _loss(actor: Actor, actions: Actions) -> float:
+def _loss(actor: Actor, actions: Demonstrated) -> float:
     """Return the mean loss of actions."""
     parts = _parts(actor, actions)
     return sum(float(cloning_loss(actor.network, part)) * len(part) for part in parts) / len(actions)
 
 
-def _parts(actor: Actor, actions: Actions) -> Iterator[Actions]:
+def teach_critic(actor: Actor, shown: Shown) -> tuple[float, dict[str, Array]]:
+    """Let the critic predict what is earned by what is shown.
+
+    Return what `fit_critic` does, and the arrays of a checkpoint with the moments of the returns, if they are scaled.
+    """
+    scale, arrays = 1.0, {}
+    if actor.config.scale_rewards:
+        returns = shown.learned.returns.numpy(force=True)
+        scale = float(returns.std(dtype=np.float64)) or 1.0
+        moments = moments_of(returns)
+        arrays = {f"{actor.name}/policy/returns.{name}": array for name, array in moments.items()}
+    held_out = iter(()) if shown.held_out is None else _parts(actor, shown.held_out)
+    return fit_critic(actor.network, _parts(actor, shown.learned), held_out, scale), arrays
+
+
+def _parts(actor: Actor, actions: Demonstrated) -> Iterator[Demonstrated]:
     """Yield all actions, about ROWS at once, with what a policy remembers there."""
     fresh, units = refresh(actor.network, actions), actions.units
     size = max(1, ROWS * units // len(actions))
@@ -131,7 +148,7 @@ class Likeness(NamedTuple):
     learned: bool  # whether the policy is better, or there is nothing to learn
 
 
-def compare(actor: Actor, device: pb.Device, actions: Actions) -> list[Likeness]:
+def compare(actor: Actor, device: pb.Device, actions: Demonstrated) -> list[Likeness]:
     """Return what a policy does most probably beside what was demonstrated.
 
     A branch: how often the choice is the same; without the policy: with the most frequent choice. An axis: how far it
@@ -159,7 +176,7 @@ def _learned(wrong: float, without: float) -> bool:
 
 
 @torch.no_grad()
-def _played(actor: Actor, device: pb.Device, actions: Actions) -> tuple[ActArrays, ActArrays]:
+def _played(actor: Actor, device: pb.Device, actions: Demonstrated) -> tuple[ActArrays, ActArrays]:
     """Return what a policy's likeliest actions make of the device, and what the demonstrated ones do."""
     ours, theirs = [], []
     for part in _parts(actor, actions):

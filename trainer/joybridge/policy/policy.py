@@ -203,6 +203,14 @@ class Policy:
         self.rollout.restart()
         self._begin_rollout()
 
+    def take_scale(self, moments: dict[str, Array]) -> None:
+        """Scale rewards at first as the critic has learned them, from the moments of returns; empty: it has not.
+
+        They count as much as the first rollout, so that other rewards are soon scaled by their own moments.
+        """
+        if self.returns is not None and moments:
+            self.returns.begin_with(moments, self.config.rollout_steps * self.lanes)
+
     def state(self) -> dict[str, Array]:
         """Return copies of everything that fixes what follows, with an empty rollout, for a checkpoint."""
         return {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -15,8 +15,11 @@ from joybridge.ppo.networks import Network
 MIN_LOG_VARIANCE = float(np.log(0.1**2))
 
 
+Some = TypeVar("Some", bound=Actions)
+
+
 @torch.no_grad()
-def refresh(network: Network, actions: Actions) -> Actions:
+def refresh(network: Network, actions: Some) -> Some:
     """Return actions whose sequences begin with what `network` remembers there now; episodes begin with nothing."""
     sequences = actions.sequences
     if sequences is None:

@@ -155,6 +155,7 @@ def take_weights(policies: Sequence[Policy], run: Path) -> int:
             actors = {actor.name: actor for actor in trained_actors(trained, run_spec(run), state.arrays)}
             network = transferred(actors[policy.actor.name], policy.actor)
         policy.actor.load(network)
+        policy.take_scale(select(state.arrays, f"{policy.actor.name}/policy/returns."))
     return state.timesteps
 
 
