@@ -64,7 +64,7 @@ def test_one_episode_is_cloned_whole_also_for_rewards_that_it_does_not_know(simu
     assert main(command) == 0
     printed = capsys.readouterr()
     assert ", with nothing held out of one episode\n" in printed.out and "nan" not in printed.out
-    assert "the demonstrations have no reward lives; cloning looks at none, so its weight is left out" in printed.err
+    assert "the demonstrations have no reward lives, so the critic does not learn to expect it" in printed.err
     assert run_config(tmp_path / "run").policy.reward_weights == {}
     assert last_simulators(tmp_path / "run").simulators.games == ("gym:CartPole-v1",)
 

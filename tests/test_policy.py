@@ -148,8 +148,8 @@ def test_penalties_grow_from_a_tenth_to_their_weight_over_the_ramp(updates, shar
     policy.updates = updates - 1
     policy.restart()
     gain, cost = np.float32(1.0), np.float32(-0.5)
-    channels = np.zeros((ARENAS, len(policy.actor.encoder._weights)), np.float32)
-    channels[:, 0], channels[:, -1] = gain / policy.actor.encoder._weights[0], cost / policy.actor.encoder._weights[-1]
+    channels = np.zeros((ARENAS, len(policy.actor.encoder.weights)), np.float32)
+    channels[:, 0], channels[:, -1] = gain / policy.actor.encoder.weights[0], cost / policy.actor.encoder.weights[-1]
     (step,) = policy_step(policy, channels)
     policy.store([step])
     np.testing.assert_allclose(policy.rollout.rewards[0], gain + share * cost, rtol=1e-6)

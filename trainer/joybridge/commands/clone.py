@@ -177,7 +177,7 @@ def _held_out(loss: float) -> str:
 
 
 def _known_weights(config: Config, spec: pb.GameSpec) -> Config:
-    """Return a configuration without weights of rewards that the recorded game did not pay: nothing is learned of them.
+    """Return a configuration without weights of rewards that the recorded game did not pay.
 
     The same program may be recorded with fewer rewards than it is trained with.
     """
@@ -185,6 +185,6 @@ def _known_weights(config: Config, spec: pb.GameSpec) -> Config:
     weights = config.policy.reward_weights
     if not (unknown := sorted(set(weights) - paid)):
         return config
-    say(f"the demonstrations have no reward {', '.join(unknown)}; cloning looks at none, so its weight is left out")
+    say(f"the demonstrations have no reward {', '.join(unknown)}, so the critic does not learn to expect it")
     known = {name: weight for name, weight in weights.items() if name in paid}
     return config.model_copy(update={"policy": config.policy.model_copy(update={"reward_weights": known})})

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import mean
 
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, center, least_seeds
-from joybridge.compare.estimators import Estimate
+from joybridge.compare.estimators import RESAMPLES, Estimate
 from joybridge.compare.made_with import changed_sources, made_with_block
 from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
 from joybridge.compare.page_parts import (
@@ -151,7 +151,7 @@ def intervals_sentences(counts: Sequence[int]) -> str:
     iqm = _IQM if center(counts[-1]) == "IQM" else ""
     return (
         f"{iqm} Intervals are 95 % confidence intervals of a stratified bootstrap over "
-        "runs, as in [rliable](https://github.com/google-research/rliable)."
+        f"runs ({RESAMPLES:,} resamples), as in [rliable](https://github.com/google-research/rliable)."
         f"{_NARROW if 1 < counts[0] < ENOUGH else ''}"
     )
 

@@ -68,7 +68,8 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
         raise ConfigError(f"{learned.remark}; record whole episodes")
     decisions = 0 if held_out.actions is None else len(held_out.actions)
     other = "other is" if count == 1 else "others are"
-    remark = f"{learned.remark}; {decisions:,} decisions of {count} {other} held out"
+    earned = np.mean([float((episode.rewards @ actor.encoder.weights).sum()) for episode in episodes])
+    remark = f"{learned.remark}; {decisions:,} decisions of {count} {other} held out; an episode earned {earned:.4g}"
     return Shown(learned.actions, held_out.actions, remark, held_out.unsaid)
 
 

@@ -105,7 +105,7 @@ class Play:
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        who = who or f"policy after {self.timesteps:,} timesteps"
+        who = who or (f"policy after {self.timesteps:,} timesteps" if self.timesteps else "policy before its training")
         return "; ".join([f"{who}{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:

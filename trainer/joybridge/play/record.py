@@ -49,9 +49,9 @@ def record(
         number = ended = 0
         with VideoFile(output, view.width, height, pace * ticks / every) as video:
             pictures = islice(_pictures(play, ticks, every, episodes), frames)
-            for number, (decision, picture, ended) in enumerate(pictures, 1):
+            for number, (decision, picture, last, ended) in enumerate(pictures, 1):
                 marked = mark_pointers(picture, play.spec, decision.acts)
-                seen = view.beside(marked, decision.after, play.remembered())
+                seen = view.beside(marked, decision.after if last else decision.before, play.remembered())
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number} of {frames} frames" if frames else f"{ended} of {episodes} episodes")
         if not ended:
@@ -59,8 +59,8 @@ def record(
     return number
 
 
-def _pictures(play: Play, ticks: int, every: int, episodes: int | None) -> Iterator[tuple[Played, Array, int]]:
-    """Yield pictures of the first arena, each with its decision and the number of episodes that have ended by then.
+def _pictures(play: Play, ticks: int, every: int, episodes: int | None) -> Iterator[tuple[Played, Array, bool, int]]:
+    """Yield pictures of the first arena, each with its decision, whether it is the last of it, and the episodes so far.
 
     ticks: of a decision that are shown. every: yield one picture of so many. episodes: stop after them; None: never. An
     episode that ends within a decision, or a game that draws decisions only, shows its last picture for the rest of the
@@ -70,12 +70,13 @@ def _pictures(play: Play, ticks: int, every: int, episodes: int | None) -> Itera
     for decision in play.decisions(every if ticks == 1 else 1, ticks=ticks > 1):
         ended += any(len(step.ended) for step in decision.after)
         if ticks == 1:
-            yield from ((decision, picture, ended) for picture in decision.pictures)
+            yield from ((decision, picture, True, ended) for picture in decision.pictures)
         else:
             for tick in range(ticks):
                 number += 1
                 if number % every == 0:
-                    yield decision, decision.pictures[min(tick, len(decision.pictures) - 1)], ended
+                    last = min(tick, len(decision.pictures) - 1)
+                    yield decision, decision.pictures[last], last == len(decision.pictures) - 1, ended
         if ended == episodes:
             return
 

@@ -48,7 +48,7 @@ class ObservationEncoder:
         self._columns = [known.index(sensor.name) for sensor in self.numbers]
         self._pictures = [(known.index(name), image) for name, image in self.images.items()]
         weights = {channel.name: channel.default_weight for channel in behavior.channels} | dict(reward_weights)
-        self._weights = np.array([weights[channel] for channel in channels], np.float32)
+        self.weights = np.array([weights[channel] for channel in channels], np.float32)
 
     def frames(self, observations: Sequence[Array]) -> Array:
         """Return the chosen sensors but images side by side, float32 [rows, size]."""
@@ -63,11 +63,11 @@ class ObservationEncoder:
 
     def rewards(self, step: StepArrays) -> Array:
         """Return the weighted sum of the reward channels, float32 [lanes]."""
-        return step.rewards @ self._weights
+        return step.rewards @ self.weights
 
     def penalties(self, step: StepArrays) -> Array:
         """Return the sum of the weighted channels that are negative, float32 [lanes]."""
-        summed: Array = np.minimum(step.rewards * self._weights, 0).sum(axis=1, dtype=np.float32)
+        summed: Array = np.minimum(step.rewards * self.weights, 0).sum(axis=1, dtype=np.float32)
         return summed
 
 

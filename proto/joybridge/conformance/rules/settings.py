@@ -102,7 +102,8 @@ def parameters_have_an_effect(subject: Subject) -> None:
     """A parameter is a number of the game: with some options, its low and its high value give different sessions."""
     for p in parts_of(subject.spec, "parameters"):
         if p.low < p.high and all(same := _same_steps(each, p) for each in _with_each_choice(subject)):
-            raise Suspicion(f"the same {same} steps with {p.name!r} {p.low:g} and {p.high:g}", "different episodes")
+            got = f"the same {same} steps of random play with {p.name!r} {p.low:g} and {p.high:g}"
+            raise Suspicion(got, "different episodes, unless random play does not come to where it counts")
 
 
 @check("Start")
