@@ -41,6 +41,7 @@ def test_the_spec_is_made_from_the_spaces():
     game = load_game(MIXED)
     assert listing([game.describe({})]).splitlines() == [
         f"Mixed-v0: {HERE}:Mixed-v0, an environment of Gymnasium.",
+        "  time: a decision every 50 ms",
         "  behavior agent: 1 agent per arena",
         "    sensors: arm.speed [2], image [2, 3, 3] uint8, lamps [3] bool, pair[0] [3], pair[1] [5]",
         "    axes: levers[0] -1..1, levers[1] 0.1..0.8, pair[1] -5..5",

@@ -104,6 +104,7 @@ def test_list_shows_options_parameters_sensors_actions_rewards_and_metrics(capsy
     others = " ".join(games[1].split()).removeprefix("served beside it: ").partition(";")[0]
     assert len(games) == 2 and others.split(", ") == [*BUILT_IN]
     assert games[0].splitlines()[1:] == [
+        "  time: a decision every 100 ms, episodes of at most 9 decisions",
         "  option size: small | large (default small)",
         "  option masks: on | off (default on)",
         "  parameter drift: 0 .. 2 (default 1)",

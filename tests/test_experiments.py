@@ -283,7 +283,7 @@ def test_the_table_shows_what_all_runs_have_reached_and_the_time_left_leaves_fai
     assert survive == ["survive", "0", "of", "2", "1", "58", "%", "3"]
     assert every == ["all", "0", "of", "2", "1", "58", "%"]
     assert failed[:5] == ["survive-s0:", "failed:", "error:", "it", "failed"]
-    assert done == ["survive-s1:", "done,", "reward", "3.5"]
+    assert done == ["survive-s1:", "done,", "reward", "3.5", "in", "its", "last", "row"]
     assert list(display.first) == [jobs[1]]
 
 

@@ -16,6 +16,7 @@ from tests.support.programs import CATCH, CATCHING, HEAD, LOOP, SHOW, opened, pr
 from tests.support.servers import ROOT
 
 SPEC = r"""catch: .*
+  time: a decision every 80 ms (4 ticks), episodes of at most 1,024 decisions
   option decision_interval: 4 | 1 | 2 | 8 | 12 | 16 (default 4)
   option screen: 64 | 48 | 84 | 128 (default 64)
   option colors: rgb | gray (default rgb)

@@ -20,6 +20,7 @@ def listing(games: Iterable[pb.GameSpec]) -> str:
 def _game(spec: pb.GameSpec) -> Iterator[str]:
     yield f"{spec.name}: {spec.description}"
     yield from _line(2, "version", spec.version)
+    yield from _line(2, "time", _joined(_time(spec)))
     for option in spec.options:
         yield from _line(2, f"option {option.name}", f"{' | '.join(option.choices)} (default {option.default_choice})")
     for parameter in spec.parameters:
@@ -37,6 +38,14 @@ def _game(spec: pb.GameSpec) -> Iterator[str]:
         yield from _line(4, "rewards", _joined(channels))
         yield from _line(4, "metrics", _joined(metric.name for metric in behavior.metrics))
         yield from _line(4, "scripts", _joined(script.name for script in behavior.scripts))
+
+
+def _time(spec: pb.GameSpec) -> Iterator[str]:
+    if spec.tick_seconds:
+        ticks = f" ({spec.decision_interval} ticks)" if spec.decision_interval > 1 else ""
+        yield f"a decision every {1000 * spec.tick_seconds * spec.decision_interval:.4g} ms{ticks}"
+    if spec.max_episode_decisions:
+        yield f"episodes of at most {spec.max_episode_decisions:,} decisions"
 
 
 def _sensor(sensor: pb.Sensor) -> str:

@@ -47,7 +47,7 @@ class Display:
         self.running.discard(job)
         if failure is None:
             self.ended.add(job)
-            reward = f", reward {self.rows[job]['reward']:.4g}" if "reward" in self.rows[job] else ""
+            reward = f", reward {self.rows[job]['reward']:.4g} in its last row" if "reward" in self.rows[job] else ""
             text = f"{job.name}: done{reward}"
         else:
             del self.first[job]

@@ -36,8 +36,9 @@ _NARROW = (
     "with three runs, in 87 % with four and in 90 % with five."
 )
 _WHOLE = (
-    "In the last part of a short training, episodes that are long do not end, so short ones count for more than their "
-    "share. Repeat the command with `--test`, which plays whole episodes with every policy, or train for longer."
+    "In the last part of a short training, long episodes do not end, so where lengths differ, short ones count for "
+    "more than their share. Repeat the command with `--test`, which plays whole episodes with every policy, or train "
+    "for longer."
 )
 
 
