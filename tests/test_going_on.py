@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import threading
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 import joybridge.run.train as training
 from joybridge.cli import main
 from joybridge.config.metrics import read_rows
-from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import run_config
 
 pytestmark = pytest.mark.usefixtures("signals")
@@ -52,6 +53,33 @@ def test_a_run_begins_with_the_weights_of_another_and_keeps_its_name(trained, co
     before, after = (load_checkpoint(one)[0] for one in (trained, run))
     np.testing.assert_allclose(after[WEIGHT], before[WEIGHT], atol=1e-6)
     assert (int(after["player/policy/updates"]), run_config(run).weights_from) == (1, str(trained))
+
+
+def test_a_run_stops_after_some_minutes_and_goes_on(config, simulator, tmp_path, capsys, monkeypatch):
+    run, places = tmp_path / "run", ["--simulator", simulator]
+
+    class Soon(threading.Timer):
+        """A timer that ends with the first checkpoint, however long that takes."""
+
+        def __init__(self, seconds, function):
+            assert seconds == 720
+            super().__init__(0.0, function)
+
+        def run(self):
+            while not has_checkpoint(run):
+                self.finished.wait(0.01)
+            super().run()
+
+    monkeypatch.setattr("joybridge.commands.train.Timer", Soon)
+    more = ["total_timesteps=1000000000", "checkpoint_interval=64", "--minutes", "12", "--run", str(run)]
+    assert main(["train", str(config), *SMALL, *more, *places]) == 0
+    errors = capsys.readouterr().err
+    (done,) = re.findall(r"saved at ([\d,]+) timesteps; continue with: joybridge train .* --resume", errors)
+    assert "interrupted" not in errors and errors.endswith(f"next: joybridge evaluate {run}\n")
+    end = int(done.replace(",", "")) + 64
+    again = ["train", f"{run}/config.yaml", f"stop_at={end}", "--minutes", "720", "--run", str(run), "--resume"]
+    monkeypatch.undo()
+    assert main([*again, *places]) == 0 and int(checkpoints(run)[-1].name) == end
 
 
 @pytest.mark.parametrize(

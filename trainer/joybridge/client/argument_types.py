@@ -35,12 +35,21 @@ def at_least(least: int) -> Callable[[str], int]:
 
 def seconds(text: str) -> float:
     """Return a positive time in seconds. Raises ArgumentTypeError."""
+    return _positive(text, "seconds")
+
+
+def minutes(text: str) -> float:
+    """Return a positive time in minutes. Raises ArgumentTypeError."""
+    return _positive(text, "minutes")
+
+
+def _positive(text: str, unit: str) -> float:
     try:
         number = float(text)
     except ValueError:
         number = math.nan
     if not (math.isfinite(number) and number > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of {unit}")
     return number
 
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread, Timer
 
-from joybridge.client.argument_types import at_least
+from joybridge.client.argument_types import at_least, minutes
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
@@ -81,6 +81,13 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "--demos",
         metavar="DIR",
         help="clone the demonstrations in this folder; the key `cloning` says whether alone or beside PPO",
+    )
+    train.add_argument(
+        "--minutes",
+        type=minutes,
+        metavar="M",
+        help="stop after so many minutes, as after Ctrl-C; learning rates and other schedules still end at "
+        "total_timesteps",
     )
     train.add_argument("--resume", action="store_true", help="continue from the last checkpoint of the run")
     train.add_argument(
@@ -165,11 +172,13 @@ def _train(options: argparse.Namespace) -> None:
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
         sign_code(run, config, say)
+        over = Event()
         try:
             with (
                 _noting_sources(run, simulators.games, config),
                 Display(heading, config.layout, config.end, begin) as display,
                 announcing(display.say),
+                _interrupting_after(options.minutes, over),
             ):
                 train(
                     config,
@@ -184,8 +193,27 @@ def _train(options: argparse.Namespace) -> None:
             refused = isinstance(error, SimulatorError) and not isinstance(error, SimulatorLost)
             if checkpoints(run) or not refused:  # a request that was refused would be refused again
                 say(_continuation(run, options))
-            raise
+            if not (isinstance(error, KeyboardInterrupt) and over.is_set() and checkpoints(run)):
+                raise
     say_next("evaluate", str(run))
+
+
+@contextmanager
+def _interrupting_after(minutes: float | None, over: Event) -> Iterator[None]:
+    """Interrupt what the block does after so many minutes, and set `over` then. None: never."""
+
+    def end() -> None:
+        over.set()
+        _interrupt()
+
+    timer = Timer(60.0 * (minutes or 0.0), end)
+    timer.daemon = True
+    if minutes:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager
@@ -229,9 +257,14 @@ def _end_with_parent() -> None:
         with suppress(OSError):  # closed from the beginning
             while os.read(0, 1024):
                 pass
-        if os.name == "nt":  # os.kill would end the process there before it saves
-            interrupt_main(signal.SIGTERM)
-        else:
-            os.kill(os.getpid(), signal.SIGTERM)
+        _interrupt()
 
     Thread(target=watch, daemon=True).start()
+
+
+def _interrupt() -> None:
+    """Interrupt the main thread, so that it saves and ends."""
+    if os.name == "nt":  # os.kill would end the process there before it saves
+        interrupt_main(signal.SIGTERM)
+    else:
+        os.kill(os.getpid(), signal.SIGTERM)
