@@ -20,6 +20,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
 from joybridge.config.overrides import split_values
 from joybridge.contract.files import read_file
+from joybridge.progress import say
 from joybridge.run.folder import MAX_NAME_CHARS
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -69,6 +70,7 @@ def beside(variants: Sequence[Variant], trainer: str, given: Sequence[str] = ())
                 f"called {variant.config.game!r}; to train this game with {TRAINERS[trainer]}, write a program with "
                 "joybridge.gym.sb3.BridgeVecEnv, as in docs/gymnasium.md"
             )
+    say(f"loading {TRAINERS[trainer]}, which takes some seconds")
     from joybridge.compare.sb3 import check_config, check_spaces  # it imports the other trainer, errors come sooner
 
     for variant in variants:
