@@ -34,7 +34,9 @@ CORE = {
     "list": Command("joybridge.simulator.__main__", "simulator", "list the games and their options"),
     "look": Command("joybridge.commands.look", "simulator", "draw random play of a game, beside what was pressed"),
     "minari": Command("joybridge.minari.writing", "minari", "write demonstrations as datasets of Minari"),
-    "new": Command("joybridge.simulator.__main__", "simulator", "write a small game of your own to start from"),
+    "new": Command(
+        "joybridge.simulator.__main__", "simulator", "begin with your pygame program, environment or own game"
+    ),
     "check": Command("joybridge.conformance.__main__", "", "test a server, in any language, against the contract"),
     "doctor": Command(
         "joybridge.conformance.doctor", "", "look at a running server for a few seconds, and say what is wrong"
