@@ -55,7 +55,7 @@ def write_page(analysis: Analysis, setting: Setting, folder: Path) -> list[Path]
     files = {
         "page.md": text,
         "page.html": page_html(text, folder),
-        "scores.csv": scores_csv(analysis),
+        "scores.csv": scores_csv(analysis, timed=not setting.test),
         "scores.tex": scores_tex(analysis),
         **({"pairs.csv": pairs_csv(analysis), "pairs.tex": pairs_tex(analysis)} if analysis.pairs else {}),
         "compare.json": json.dumps(as_data(analysis, setting), indent=1, ensure_ascii=False) + "\n",

@@ -38,15 +38,16 @@ class Setting:
     played: MadeWith | None = None  # what the test was made with
 
 
-def scores_csv(analysis: Analysis) -> str:
-    """Return a line per run: its variant, its seed and its score."""
+def scores_csv(analysis: Analysis, *, timed: bool) -> str:
+    """Return a line per run: variant, seed, score and, if timed, the timesteps until the common score."""
     text = io.StringIO(newline="")
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(("variant", "seed", analysis.metric, f"timesteps_to_{analysis.score:.6g}"))
+    times = [f"timesteps_to_{analysis.score:.6g}"] if timed else []
+    table.writerow(("variant", "seed", analysis.metric, *times))
     for result in analysis.results:
-        for run in result.runs:
-            first = run.first_at(analysis.score)
-            table.writerow((result.label, run.seed, repr(run.score), first.timesteps if first else ""))
+        for run, first in zip(result.runs, result.firsts(analysis.score), strict=True):
+            times = [str(first.timesteps) if first else ""] if timed else []
+            table.writerow((result.label, run.seed, repr(run.score), *times))
     return text.getvalue()
 
 
@@ -120,12 +121,15 @@ def latex(text: str) -> str:
 
 
 def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
-    """Return all numbers as plain data. Only those under "wall_clock" differ when a comparison is made again."""
+    """Return all numbers as plain data. Only those under "wall_clock" differ when a comparison is made again.
+
+    Those of a test have no curves and times, which would be those of the training.
+    """
 
     def band(each: Band, x: str) -> dict[str, list[float]]:
         return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
 
-    score, results = analysis.score, analysis.results
+    score, results, timed = analysis.score, analysis.results, not setting.test
     return {
         "game": setting.game,
         "metric": analysis.metric,
@@ -144,9 +148,15 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
                 "mean": result.mean,
                 "std": result.std,
                 "median": result.median,
-                "timesteps_to_score": [first.timesteps if first else None for first in result.firsts(score)],
-                "curve": band(result.curve, "timesteps"),
                 "profile": band(result.profile, "scores"),
+                **(
+                    {
+                        "timesteps_to_score": [first.timesteps if first else None for first in result.firsts(score)],
+                        "curve": band(result.curve, "timesteps"),
+                    }
+                    if timed
+                    else {}
+                ),
             }
             for result in results
         ],
@@ -166,7 +176,7 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
                 "seconds": [_finite(run.seconds) for run in result.runs],
                 "seconds_to_score": [_finite(first.seconds) if first else None for first in result.firsts(score)],
             }
-            for result in results
+            for result in (results if timed else ())
         },
     }
 
