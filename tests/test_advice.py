@@ -7,7 +7,8 @@ from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
-from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser, intervals_too_short, too_few_updates
+from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser
+from joybridge.run.lengths import intervals_too_short, too_few_updates
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
 

@@ -255,6 +255,12 @@ def test_training_loads_no_game():
     assert modules.isdisjoint({"joybridge.simulator", "joybridge.games", "pygame"})
 
 
+def test_refusing_a_comparison_or_a_training_loads_no_torch():
+    assert loaded("import joybridge.compare.compare, joybridge.commands.train").isdisjoint(
+        {"torch", "stable_baselines3"}
+    )
+
+
 def test_an_editable_install_adds_no_top_level_name_but_joybridge(tmp_path):
     names = ["simulator", "trainer", "tools", "tests", "configs", "contract", "games", "gym"]
     program = f"""

@@ -58,8 +58,8 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
-from joybridge.run.advice import too_few_updates
 from joybridge.run.checkpoint import has_checkpoint
+from joybridge.run.lengths import too_few_updates
 from joybridge.run.origin import own_origin
 from joybridge.run.run_lock import locked
 from joybridge.run.sources import marks

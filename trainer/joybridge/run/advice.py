@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from joybridge.config.config import Config
 from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
@@ -22,7 +21,6 @@ LARGE_REWARD = 1000.0  # likewise, for the reward of one decision
 LARGE_KL = 1.0  # of an update, a mean over decisions; about 0.01 to 0.05 is usual
 MORE_ENTROPY = 1.0  # nats, at least, beside twice as much as at first; training makes most policies more certain
 RANDOM = 0.99  # of the largest entropy that is possible; a policy that is less certain chooses at random
-UPDATES = 10  # that a run should have, at least
 RANDOM_UPDATES = 10  # after which, and after SAME_DECISIONS, a policy should have found something to prefer
 RARE = 0.01  # share of decisions; a button that is pressed less often is about to be forgotten
 RARE_DECISIONS = 2000  # of a rollout, from which on its shares say something
@@ -30,32 +28,6 @@ PAID = 3  # rewards of an episode, from which on it is no chance that one decisi
 TAKEN_BACK = 3  # different sums of which that has happened; a punishment is always as large
 LOSSES = 0.25  # at least, of the rewards below 0, take back all where a score falls back
 SAME_DECISIONS = 20_000  # after so many equal choices a policy hardly tries the others any more
-
-
-def too_few_updates(config: Config) -> Iterator[str]:
-    """Yield a warning if a run is too short for its rollouts."""
-    size = config.arenas * config.policy.rollout_steps
-    if config.end < UPDATES * size:
-        yield (
-            f"{config.end:,} timesteps are {config.end / size:.1f} updates of {size:,} ({config.arenas} arenas, "
-            f"policy.rollout_steps {config.policy.rollout_steps}), and a policy hardly learns anything in fewer than "
-            f"{UPDATES}: train for longer, or with fewer arenas or shorter rollouts"
-        )
-
-
-def intervals_too_short(config: Config) -> Iterator[str]:
-    """Yield what is odd in how often a run is measured, which is at its rows of metrics."""
-    if config.log_interval > config.end:
-        yield (
-            f"log_interval is {config.log_interval:,}, longer than the run of {config.end:,} timesteps, so it will "
-            "have no row of metrics; make it a tenth of the run or less"
-        )
-    every = config.evaluate_during and config.evaluate_during.every
-    if every and every < config.log_interval:
-        yield (
-            f"evaluate_during.every is {every:,}, but held-out episodes are played for rows of metrics: at each of "
-            f"them, every {config.log_interval:,} timesteps (log_interval)"
-        )
 
 
 class Adviser:

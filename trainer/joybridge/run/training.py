@@ -19,12 +19,13 @@ from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
 from joybridge.policy.policy import Policy
 from joybridge.policy.stratify import balanced_options
-from joybridge.run.advice import Adviser, intervals_too_short, too_few_updates
+from joybridge.run.advice import Adviser
 from joybridge.run.collect import Group, group_bounds, open_groups
 from joybridge.run.curriculum import Curriculum
 from joybridge.run.folder import keep_config, keep_spec
 from joybridge.run.held_out import HeldOut
 from joybridge.run.league import League
+from joybridge.run.lengths import intervals_too_short, too_few_updates
 from joybridge.run.logger import Logger
 from joybridge.run.origin import keep_origin
 from joybridge.run.profiler import Profiler
