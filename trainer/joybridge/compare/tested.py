@@ -93,7 +93,7 @@ def test_words(options: argparse.Namespace) -> str:
     settings = f"under {' '.join(options.test)}" if options.test else "under the settings of its training"
     settings = f"otherwise {settings}" if options.over else settings
     actions = "the most probable actions" if options.deterministic else "sampled actions"
-    return f"{settings}, with {actions}"
+    return f"{settings}, with {actions} (seed {SEED})"
 
 
 def test_marks(options: argparse.Namespace) -> list[str]:

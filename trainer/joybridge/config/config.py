@@ -86,7 +86,9 @@ class Config(Checked):
 
     game: str = Field(description="which game is trained: its name, MODULE:CLASS, gym:ID or pygame:PROGRAM")
     preset: Literal["sb3", "cleanrl", "paper"] | None = Field(
-        None, description="settings of another program, for what is not set beside this key"
+        None,
+        description="settings of another program, for what is not set beside this key; on a command line it replaces "
+        "what a file sets",
     )
     options: dict[str, str] = Field({}, description="options of the game, as in `joybridge list`")
     parameters: dict[str, Value] = Field(

@@ -35,16 +35,20 @@ class Run:
 
     path: Path
     config: Config
-    timesteps: int  # of the newest checkpoint
+    timesteps: int  # of the newest checkpoint or row of metrics
     rows: dict[str, list[Row]]  # of metrics, by policy
     origins: list[Origin]  # of its trainings
 
 
 def find_runs(folder: Path) -> list[Path]:
-    """Return the folders of runs in a folder and those below it, by name. Raises ConfigError if there are none."""
-    runs = sorted(path.parent for path in folder.rglob("config.yaml") if (path.parent / "checkpoints").is_dir())
+    """Return the folders of runs in a folder and those below it, by name, also of such as have begun a moment ago.
+
+    Raises ConfigError if there are none.
+    """
+    folders = sorted(path.parent for path in folder.rglob("config.yaml"))
+    runs = [path for path in folders if (path / "checkpoints").is_dir() or any(path.glob("metrics-*.csv"))]
     if not runs:
-        raise ConfigError(f"{folder} holds no run: no folder in it has a config.yaml and checkpoints")
+        raise ConfigError(f"{folder} holds no run: no folder in it has a config.yaml, and checkpoints or metrics")
     return runs
 
 
@@ -52,7 +56,8 @@ def read_run(path: Path) -> Run:
     """Return what the folder of a run shows. Raises ConfigError and CheckpointError."""
     saved = checkpoints(path)
     rows = {file.stem.removeprefix("metrics-"): read_rows(file) for file in sorted(path.glob("metrics-*.csv"))}
-    return Run(path, run_config(path), int(saved[-1].name) if saved else 0, rows, run_origins(path))
+    reached = [int(each.name) for each in saved[-1:]] + [int(each[-1]["timesteps"]) for each in rows.values() if each]
+    return Run(path, run_config(path), max(reached, default=0), rows, run_origins(path))
 
 
 def load(folder: str | Path) -> "pandas.DataFrame":
