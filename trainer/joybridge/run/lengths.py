@@ -14,7 +14,7 @@ def too_few_updates(config: Config) -> Iterator[str]:
         yield (
             f"{config.end:,} timesteps are {config.end / size:.1f} updates of {size:,} ({config.arenas} arenas, "
             f"policy.rollout_steps {config.policy.rollout_steps}), and a policy hardly learns anything in fewer than "
-            f"{UPDATES}: train for longer, or with fewer arenas or shorter rollouts"
+            f"{UPDATES}: train for longer, or with fewer arenas or shorter rollouts and smaller minibatches"
         )
 
 

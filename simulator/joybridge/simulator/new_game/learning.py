@@ -72,7 +72,7 @@ policy:
   rollout_steps: {rollout:<9}# decisions of every arena between two updates
   time_horizon: {rollout:<10}# decisions after which the return is bootstrapped from the value
   gamma: 0.99             # discount per decision; closer to 1 if rewards come late
-  minibatch_size: 256
+  minibatch_size: 256     # smaller, as 64, where arenas and rollouts are made smaller for a short training
   epochs: 10              # how often an update goes through its rollout; fewer if the reward breaks down
   learning_rate: 2.0e-3   # lower if the reward fluctuates
   target_kl: 0.03         # ends an update that changes the policy too much, as of a clone that is sure of its axes
