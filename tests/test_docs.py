@@ -25,6 +25,7 @@ from tools.docs.api import api, exported
 from tools.docs.contract import contract
 from tools.docs.pages import INSTEAD, filled
 from tools.docs.schema import schema
+from tools.docs.search import FIND, ROW
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = all_commands()
@@ -302,3 +303,8 @@ def test_the_words_that_people_search_for_are_entries_of_the_page_that_answers()
     assert search.indexed("docs/unknown.md", "# Other\n") == "# Other\n"
     assert search.indexed("CHANGELOG.md", "# Changes\n").startswith("---\nnosearch: true\n---\n# Changes")
     assert all((ROOT / page).exists() for page in search.words())
+
+
+def test_the_words_that_the_search_of_the_site_indexes_are_plain():
+    words = [row[0] for row in ROW.findall((ROOT / FIND).read_text(encoding="utf-8"))]
+    assert len(words) > 40 and [each for each in words if re.search(r"[`*<>\[\]{}]", each)] == []
