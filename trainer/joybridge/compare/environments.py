@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from importlib import import_module
 from pathlib import Path
 
@@ -43,3 +44,29 @@ def is_registered(environment: str) -> bool:
     finally:
         sys.path[:] = path
     return name in gymnasium.registry
+
+
+def check_spaces(environment: str) -> None:
+    """Raise ConfigError for an environment whose spaces PPO of Stable-Baselines3, which is not imported, does not take.
+
+    environment: "ID" or "MODULE:ID".
+    """
+    import gymnasium
+    from gymnasium import spaces
+
+    taken = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # by its MlpPolicy
+    with closing(gymnasium.make(environment)) as env:
+        for what, space in (("actions", env.action_space), ("observations", env.observation_space)):
+            if not isinstance(space, taken):
+                raise ConfigError(
+                    f"PPO of Stable-Baselines3 takes {what} of {', '.join(kind.__name__ for kind in taken)}, and those "
+                    f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
+                    "own, or leave out --beside"
+                )
+        seen = env.observation_space
+        if isinstance(seen, spaces.Box) and seen.dtype == "uint8" and len(seen.shape) == 3:  # what it calls an image
+            raise ConfigError(
+                f"the observations of {environment} are images, which get convolutions here and none in MlpPolicy; "
+                "compare both on numbers, with gymnasium.wrappers.FlattenObservation around it and an ID of its own, "
+                "or leave out --beside"
+            )

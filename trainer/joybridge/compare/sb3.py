@@ -10,18 +10,15 @@ import json
 import math
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
 
-import gymnasium
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import nn
 from torch.optim import AdamW
@@ -39,7 +36,6 @@ from joybridge.run.sources import note_sources
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
-SPACES = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # that its MlpPolicy takes
 OTHER_SEED = 10_000  # of the evaluation: the games are not those of the training
 
 
@@ -108,25 +104,6 @@ def check_config(config: Config) -> None:
         raise ConfigError(
             f"PPO of Stable-Baselines3 cannot be set to this {', '.join(others)}; begin with preset=sb3, its defaults"
         )
-
-
-def check_spaces(environment: str) -> None:
-    """Raise ConfigError for an environment whose spaces PPO does not take. environment: "ID" or "MODULE:ID"."""
-    with closing(gymnasium.make(environment)) as env:
-        for what, space in (("actions", env.action_space), ("observations", env.observation_space)):
-            if not isinstance(space, SPACES):
-                known = ", ".join(kind.__name__ for kind in SPACES)
-                raise ConfigError(
-                    f"PPO of Stable-Baselines3 takes {what} of {known}, and those "
-                    f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
-                    "own, or leave out --beside"
-                )
-        if is_image_space(env.observation_space):
-            raise ConfigError(
-                f"the observations of {environment} are images, which get convolutions here and none in MlpPolicy; "
-                "compare both on numbers, with gymnasium.wrappers.FlattenObservation around it and an ID of its own, "
-                "or leave out --beside"
-            )
 
 
 def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from google.protobuf.json_format import MessageToDict, ParseDict, ParseError
 
-from joybridge.compare.environments import environment_of, is_registered
+from joybridge.compare.environments import check_spaces, environment_of, is_registered
 from joybridge.compare.names import SEED, file_name
 from joybridge.config.config import MAY_CHANGE, Config, dump_config, load_config, make_config
 from joybridge.config.config_files import find_config
@@ -70,12 +70,12 @@ def beside(variants: Sequence[Variant], trainer: str, given: Sequence[str] = ())
                 f"called {variant.config.game!r}; to train this game with {TRAINERS[trainer]}, write a program with "
                 "joybridge.gym.sb3.BridgeVecEnv, as in docs/gymnasium.md"
             )
+        check_spaces(environment_of(variant.config.game, given))
     say(f"loading {TRAINERS[trainer]}, which takes some seconds")
-    from joybridge.compare.sb3 import check_config, check_spaces  # it imports the other trainer, errors come sooner
+    from joybridge.compare.sb3 import check_config  # it imports the other trainer, and other errors come sooner
 
     for variant in variants:
         check_config(variant.config)
-        check_spaces(environment_of(variant.config.game, given))
     return [Variant(f"{variant.label}, {TRAINERS[trainer]}", variant.config, trainer) for variant in variants]
 
 
