@@ -139,7 +139,7 @@ leave(3)
 
 
 def test_the_process_ends_with_all_its_output_whatever_its_threads_wait_for():
-    process = subprocess.run([sys.executable, "-c", LEAVES], capture_output=True, text=True, timeout=60, check=False)
+    process = subprocess.run([sys.executable, "-c", LEAVES], capture_output=True, text=True, timeout=600, check=False)
     assert (process.returncode, process.stdout, process.stderr) == (3, "x" * 1_000_000 + "\n", "")
 
 

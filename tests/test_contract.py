@@ -68,7 +68,7 @@ def buf() -> list[str]:
     if not shutil.which("npx"):
         pytest.skip("install buf, or npm, to lint bridge.proto")
     command = ["npx", "--yes", "@bufbuild/buf@1.75.0"]
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=200, check=False)
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=600, check=False)
     if done.returncode:
         pytest.skip(f"npm cannot fetch buf: {done.stderr[-200:]}")
     return command

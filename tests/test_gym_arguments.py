@@ -46,7 +46,7 @@ for env in (one, many):
 assert not {"torch", "pydantic", "joybridge.simulator"} & set(sys.modules)
 print(Path(f"/proc/self/task/{os.getpid()}/children").read_text())
 """  # which ends without closing them
-    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, "")
     simulators = done.stdout.split()
     assert len(simulators) == 2 and not any(Path(f"/proc/{simulator}").exists() for simulator in simulators)

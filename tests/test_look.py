@@ -32,7 +32,7 @@ assert not {"torch", "pydantic", "ruamel"} & set(sys.modules)
 """
     assert main(["new", "my_pond", "--folder", str(tmp_path)]) == 0
     done = subprocess.run(
-        [sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert (

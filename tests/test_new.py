@@ -48,7 +48,7 @@ def typed(output: str) -> list[str]:
 def shell(command: str, folder: Path) -> str:
     """Return what a command prints in a folder."""
     process = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=READER, capture_output=True, text=True, timeout=120, check=False
+        ["bash", "-c", command], cwd=folder, env=READER, capture_output=True, text=True, timeout=600, check=False
     )
     assert process.returncode == 0, f"{command}\n{process.stdout}\n{process.stderr}"
     return process.stdout

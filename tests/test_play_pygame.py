@@ -84,7 +84,7 @@ def test_a_program_gets_the_same_input_from_the_file_as_in_the_training(options,
         env={**os.environ, "SDL_VIDEODRIVER": "dummy", "SDL_AUDIODRIVER": "dummy"},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         check=True,
     )
     (expected,) = json.loads(done.output.splitlines()[-1])["player"]["returns"]
@@ -104,5 +104,5 @@ def test_what_cannot_be_played_is_named(program, policy, message, tmp_path):
         shutil.copy(EXAMPLES / name, tmp_path)
     (tmp_path / "program.py").write_text("[]")
     command = [sys.executable, "play_pygame.py", program, policy]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr

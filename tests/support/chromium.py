@@ -13,7 +13,7 @@ from urllib.request import Request, urlopen
 from websockets.sync.client import connect
 
 PROGRAM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-SECONDS = 60.0  # for anything to happen
+SECONDS = 300.0  # for anything to happen
 
 
 class Tab:
