@@ -267,6 +267,8 @@ def test_a_page_of_some_variants_names_the_others_in_the_folder_for_which_no_p_v
     done = run_in(copied, "127.0.0.1:1", "--layouts", "hybrid")
     assert done.status == 0
     assert "**Not on this page, but trained in the same folder: bucket-3.** The p values are correct" in page(copied)
+    assert run_in(copied, "127.0.0.1:1", "--seeds", "1").status == 0
+    assert "in the same folder: bucket-3 with seed 1, hybrid with seed 1.** The p values" in page(copied)
 
 
 @pytest.mark.no_cover  # see `whole`

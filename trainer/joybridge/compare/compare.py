@@ -7,7 +7,7 @@ be deleted.
 """
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
@@ -141,7 +141,10 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         differing=differing,
         test=test_words(options),
         figures=options.figures,
-        left_out=[name for name in read_variants(options.output) if name not in {each.name for each in variants}],
+        left_out=[
+            *(name for name in read_variants(options.output) if name not in {each.name for each in variants}),
+            *left_seeds(jobs, results),
+        ],
         made_with=read_made_with(options.output),
         played=None if options.test is None else made_with(own_origin(), sources, packages),
     )
@@ -165,6 +168,16 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
     return 1 if missing else 0
 
 
+def left_seeds(jobs: Iterable[Job], results: Iterable[ResultName]) -> list[str]:
+    """Return the finished runs of the same variants and length that are of no job, as text."""
+    compared = {(job.experiment, job.timesteps) for job in jobs}
+    others = {each.run for each in results if (each.run.experiment, each.timesteps) in compared}
+    left = others - {job.name for job in jobs}
+    return [
+        f"{run.experiment} with seed {run.seed}" for run in sorted(left, key=lambda run: (run.experiment, run.seed))
+    ]
+
+
 def remarks(
     variants: Sequence[Variant], specs: Sequence[pb.GameSpec], options: argparse.Namespace, sources: dict[str, str]
 ) -> Iterator[str]:
@@ -184,10 +197,10 @@ def remarks(
     if options.test is None and (short := too_short_for_scores(variants, specs, options.metric)):
         yield short
     if changed := changed_sources([*read_made_with(options.output), MadeWith({}, sources)]):
-        then = "the test plays them as they are now, and " if options.test is not None else ""
+        then = "the test plays them" if options.test is not None else "runs that are still to be trained play them"
         yield (
-            f"the files of {', '.join(changed)} have changed since runs of {options.output} were trained; {then}the "
-            "page says so"
+            f"the files of {', '.join(changed)} have changed since runs of {options.output} were trained; {then} as "
+            "they are now, which the page then says"
         )
 
 

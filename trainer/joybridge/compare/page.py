@@ -226,7 +226,7 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
         names = ", ".join(map(escaped, setting.left_out))
         blocks.append(
             f"**Not on this page, but trained in the same folder: {names}.** The p values are corrected for the "
-            f"{_count(len(analysis.pairs), 'pair')} here. If these variants were chosen after all were seen, that "
+            f"{_count(len(analysis.pairs), 'pair')} here. If what is here was chosen after all was seen, that "
             "is too few: take the p values of a page with all."
         )
     for one, other in combinations(analysis.results, 2):
