@@ -2,15 +2,19 @@
 
 import inspect
 import math
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
+from joybridge.compare.environments import check_spaces
 from joybridge.compare.sb3 import arguments_of, main
 from joybridge.compare.variants import Variant, beside
 from joybridge.config.config import Config, load_config
@@ -105,3 +109,17 @@ def test_what_could_not_be_trained_there_is_refused_before_anything_is_trained()
         beside([Variant("a", Config(game="CartPole-v1", preset="sb3", layout="bucket-5"))], "sb3")
     with pytest.raises(ConfigError, match="cannot be set to this frame_stack, "):
         beside([Variant("a", Config(game="CartPole-v1"))], "sb3")
+
+
+@pytest.mark.parametrize(("high", "image"), [(255, True), (9, False)])
+def test_observations_that_it_takes_for_images_are_refused(high, image):
+    class Pixels(gymnasium.Env):  # type: ignore[misc]
+        observation_space = Box(0, high, (4, 4, 3), np.uint8)
+        action_space = Discrete(2)
+
+    gymnasium.register(f"Pixels{high}-v0", Pixels)
+    try:
+        with pytest.raises(ConfigError, match="are images, which get convolutions") if image else nullcontext():
+            check_spaces(f"Pixels{high}-v0")
+    finally:
+        del gymnasium.registry[f"Pixels{high}-v0"]

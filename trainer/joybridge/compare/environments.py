@@ -63,8 +63,9 @@ def check_spaces(environment: str) -> None:
                     f"of {environment} are of {type(space).__name__}; flatten them in a wrapper that has an ID of its "
                     "own, or leave out --beside"
                 )
-        seen = env.observation_space
-        if isinstance(seen, spaces.Box) and seen.dtype == "uint8" and len(seen.shape) == 3:  # what it calls an image
+        seen = env.observation_space  # below: what Stable-Baselines3 calls an image
+        bytes3 = isinstance(seen, spaces.Box) and seen.dtype == "uint8" and len(seen.shape) == 3
+        if bytes3 and (seen.low == 0).all() and (seen.high == 255).all():
             raise ConfigError(
                 f"the observations of {environment} are images, which get convolutions here and none in MlpPolicy; "
                 "compare both on numbers, with gymnasium.wrappers.FlattenObservation around it and an ID of its own, "

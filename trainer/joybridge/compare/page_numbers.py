@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from joybridge.compare.analysis import Analysis, Band
+from joybridge.compare.analysis import Analysis, Band, Result
 from joybridge.compare.made_with import MadeWith
 from joybridge.compare.page_parts import interval_text, number_text
 
@@ -125,10 +125,6 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
 
     Those of a test have no curves and times, which would be those of the training.
     """
-
-    def band(each: Band, x: str) -> dict[str, list[float]]:
-        return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
-
     score, results, timed = analysis.score, analysis.results, not setting.test
     return {
         "game": setting.game,
@@ -148,15 +144,8 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
                 "mean": result.mean,
                 "std": result.std,
                 "median": result.median,
-                "profile": band(result.profile, "scores"),
-                **(
-                    {
-                        "timesteps_to_score": [first.timesteps if first else None for first in result.firsts(score)],
-                        "curve": band(result.curve, "timesteps"),
-                    }
-                    if timed
-                    else {}
-                ),
+                "profile": _band(result.profile, "scores"),
+                **(_course(result, score) if timed else {}),
             }
             for result in results
         ],
@@ -179,6 +168,15 @@ def as_data(analysis: Analysis, setting: Setting) -> dict[str, Any]:
             for result in (results if timed else ())
         },
     }
+
+
+def _course(result: Result, score: float) -> dict[str, Any]:
+    reached = [first.timesteps if first else None for first in result.firsts(score)]
+    return {"timesteps_to_score": reached, "curve": _band(result.curve, "timesteps")}
+
+
+def _band(each: Band, x: str) -> dict[str, list[float]]:
+    return {x: each.x, "value": each.value, "low": each.low, "high": each.high}
 
 
 def _finite(value: float) -> float | None:

@@ -4,7 +4,7 @@ PPO that begins with a policy and without a critic takes its first updates from 
 The layers below the value head stay as they are, because those of a shared body are the policy's.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -55,21 +55,18 @@ def fit_critic(
 def _features(network: Network, parts: Iterable[Demonstrated], scale: float) -> tuple[Tensor, Tensor]:
     """Return what comes to the value head in all parts, float64 [n, features], and the scaled returns, float64 [n]."""
     seen: list[Tensor] = []
+    returns: list[Tensor] = []
     tower = network.critic or network.actor
     hook = tower.head.register_forward_pre_hook(lambda module, inputs: seen.append(inputs[0].double()))
     try:
-        returns = [part.returns.double() / scale for part in _watched(network, parts)]
+        for part in parts:
+            network.heads(part.observations)
+            returns.append(part.returns.double() / scale)
     finally:
         hook.remove()
     if not seen:
         return torch.zeros(0, tower.head.in_features), torch.zeros(0)
     return torch.cat(seen), torch.cat(returns)
-
-
-def _watched(network: Network, parts: Iterable[Demonstrated]) -> Iterator[Demonstrated]:
-    for part in parts:
-        network.heads(part.observations)
-        yield part
 
 
 def _regression(features: Tensor, values: Tensor, ridge: float) -> Line:

@@ -20,7 +20,7 @@ from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches, refresh
 from joybridge.ppo.fast.kernels import Noise
-from joybridge.ppo.return_scale import moments_of
+from joybridge.ppo.moments import Moments
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
@@ -124,10 +124,10 @@ def teach_critic(actor: Actor, shown: Shown) -> tuple[float, dict[str, Array]]:
     """
     scale, arrays = 1.0, {}
     if actor.config.scale_rewards:
-        returns = shown.learned.returns.numpy(force=True)
-        scale = float(returns.std(dtype=np.float64)) or 1.0
-        moments = moments_of(returns)
-        arrays = {f"{actor.name}/policy/returns.{name}": array for name, array in moments.items()}
+        moments = Moments(1)
+        moments.add(shown.learned.returns.numpy(force=True)[:, None])
+        scale = float(moments.deviation()[0])
+        arrays = {f"{actor.name}/policy/returns.{name}": array[None] for name, array in moments.state().items()}
     held_out = iter(()) if shown.held_out is None else _parts(actor, shown.held_out)
     return fit_critic(actor.network, _parts(actor, shown.learned), held_out, scale), arrays
 

@@ -28,7 +28,7 @@ def record(
     say: Callable[[str], None],
     inputs: bool = False,
 ) -> int:
-    """Record `seconds` or `episodes` of a run's policy in one arena; return the number of frames.
+    """Record either `seconds` or `episodes` of a run's policy in one arena; return the number of frames.
 
     The picture is the simulator's, score included, after every tick where decisions are slower than FASTEST, with a
     cross where a pointer is put; images that the policy sees are beside it, and what it remembers is below.

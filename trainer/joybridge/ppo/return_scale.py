@@ -6,13 +6,6 @@ from joybridge.contract.tensors import Array
 from joybridge.ppo.moments import Moments
 
 
-def moments_of(returns: Array) -> dict[str, Array]:
-    """Return the moments of returns [n] of one game, as `ReturnScale.begin_with` takes them."""
-    moments = Moments(1)
-    moments.add(returns[:, None])
-    return {name: array[None] for name, array in moments.state().items()}
-
-
 class ReturnScale:
     """The discounted sum of the rewards of each lane's present episode, and the moments of these sums per game."""
 
@@ -43,9 +36,9 @@ class ReturnScale:
     def begin_with(self, moments: dict[str, Array], count: int) -> None:
         """Begin with the moments of other returns, which its critic has learned, as if there had been `count` at most.
 
-        Of several games nothing is taken.
+        Nothing is taken of several games, and of a run in which nothing was decided.
         """
-        if len(self._moments) == len(moments["count"]) == 1:
+        if len(self._moments) == len(moments["count"]) == 1 and moments["count"][0, 0]:
             share = min(1.0, count / float(moments["count"][0, 0]))
             fewer = {"count": moments["count"][0] * share, "mean": moments["mean"][0]}
             self._moments[0].load({**fewer, "squares": moments["squares"][0] * share})
