@@ -90,6 +90,12 @@ def test_each_encoder_of_images_plays_as_the_trainer_does(images, simulator, run
     assert [image["sensor"] for image in document["policies"][0]["images"]] == ["map", "view"]
 
 
+def test_differences_between_frames_play_as_the_trainer_does(simulator, runtime, tmp_path):
+    settings = seeing(*IMAGES[0])
+    settings["policy"] = settings["policy"].model_copy(update={"frame_differences": True, "frame_stack": 3})
+    play_beside(make_run(tmp_path / "run", simulator, **settings), simulator, runtime)
+
+
 @pytest.mark.parametrize("pointer", POINTERS, ids=[f"{one[0][0]} {one[1]}" for one in POINTERS])
 def test_each_map_points_as_the_trainer_does(pointer, simulator, runtime, tmp_path):
     run = make_run(tmp_path / "run", simulator, **pointing(*pointer))

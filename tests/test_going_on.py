@@ -98,14 +98,15 @@ def test_what_does_not_fit_is_named(more, message, trained, config, simulator, t
 
 
 @pytest.mark.parametrize(
-    ("key", "was", "now"), [("image_encoder", "auto", "impala"), ("shared_encoder", "True", "False")]
+    ("key", "was", "now"),
+    [("image_encoder", "auto", "impala"), ("shared_encoder", "True", "False"), ("frame_differences", "False", "True")],
 )
 def test_a_network_with_other_convolutions_is_neither_resumed_nor_gone_on_from(
     key, was, now, simulator, tmp_path, capsys
 ):
     config, run = tmp_path / "kick.yaml", tmp_path / "run"
     config.write_text("game: kick")
-    command = ["train", str(config), *SMALL, "--simulator", simulator]
+    command = ["train", str(config), *SMALL, "policy.frame_stack=2", "--simulator", simulator]
     assert main([*command, "--run", str(run)]) == 0
     other = f"policy.{key}={now.lower()}"
     assert main([*command, other, "--from", str(run), "--run", str(tmp_path / "next")]) == 1

@@ -1,10 +1,12 @@
 """Sensors that are images are seen with their shape and channels, through convolutions."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
@@ -13,7 +15,7 @@ from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors
 from joybridge.policy.encoder import push_frames
-from joybridge.ppo.convolutions import WHITE, ImageEncoder
+from joybridge.ppo.convolutions import GAIN, WHITE, DifferenceConvolution, ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.history import History
 from joybridge.ppo.images import MIN_PIXELS, Image, encoder_kind, find_images
@@ -78,6 +80,22 @@ def test_the_pictures_of_a_stack_are_channels_of_one_image_and_numbers_pass_by()
     torch.testing.assert_close(features[:, 12 + count :], encoder.bodies[1].see(pixels)[-1].flatten(1))
 
 
+@pytest.mark.parametrize("kind", MIN_PIXELS)
+@pytest.mark.parametrize("frames", [2, 3])
+def test_differences_between_frames_are_other_weights_of_the_same_pictures(kind, frames):
+    size, colors = 40, 3
+    encoder = ImageEncoder(kind, [Image(size, size, colors)], 0, frames, "elu", True)
+    stacks = torch.from_numpy(bytes_of((5, frames, size, size, colors)))
+    body = encoder.bodies[0]
+    first = body.stages[0]
+    assert isinstance(first, nn.Sequential) and isinstance(first[0], DifferenceConvolution)
+    inner = first[0].convolution
+    pixels = stacks.permute(0, 1, 4, 2, 3).float() / body.white
+    changes = [GAIN * (after - before) for before, after in pairwise(pixels.unbind(1))]
+    expected = first[1:](inner(torch.cat([*changes, pixels[:, -1]], 1)))
+    torch.testing.assert_close(body(stacks)[1][0], expected, rtol=1e-4, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("kind", "size", "numbers"), [("windows", 24, 3), ("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)]
 )
@@ -118,6 +136,21 @@ def test_every_pixel_of_an_image_is_seen(kind, height, width):
     pixels = torch.rand(1, height, width, 1, generator=torch.Generator().manual_seed(0)).requires_grad_()
     encoder.bodies[0].see(pixels)[-1].sum().backward()
     assert pixels.grad is not None and pixels.grad.all()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"image_encoder": "none"}, "there are no images; leave it out"),
+        ({"image_encoder": "simple", "frame_stack": 1}, "frame_stack is 1; set it to 2 or more"),
+        ({"network": "torch.nn:Identity"}, "torch.nn:Identity sees the pictures as they are"),
+    ],
+)
+def test_differences_of_no_frames_are_refused(settings, message):
+    spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
+    config = Config(game="hybrid", policy=PolicyConfig(frame_differences=True, **settings))
+    with pytest.raises(ConfigError, match=f"player: frame_differences: {message}"):
+        make_actors(config, spec)
 
 
 def test_a_policy_of_a_game_with_an_image_acts_on_it():

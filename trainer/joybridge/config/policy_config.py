@@ -44,6 +44,11 @@ class PolicyConfig(Checked):
     )
     shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
     frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
+    frame_differences: bool = Field(
+        False,
+        description="its convolutions learn from what changes between the frames of images, beside the newest "
+        "frame: where small things move in front of a background that stands still",
+    )
     remember_acts: int = Field(
         0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
     )

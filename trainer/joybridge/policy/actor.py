@@ -75,6 +75,15 @@ class Actor:
         encoders: list[ImageEncoder | OwnEncoder] = []
         if config.network and space.maps:
             raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
+        if config.frame_differences and (config.network or not pictures or config.frame_stack == 1):
+            why = (
+                f"{config.network} sees the pictures as they are"
+                if config.network
+                else "frame_stack is 1; set it to 2 or more"
+                if pictures
+                else "there are no images; leave it out"
+            )
+            raise ConfigError(f"{role.name}: frame_differences: {why}")
         if config.network and config.remember_acts:
             raise ConfigError(f"network: {config.network} sees sensors alone; set remember_acts to 0")
         if config.network:
@@ -85,7 +94,12 @@ class Actor:
         elif pictures:
             encoders += [
                 ImageEncoder(
-                    config.image_encoder, pictures, self.observation_size, config.frame_stack, config.activation
+                    config.image_encoder,
+                    pictures,
+                    self.observation_size,
+                    config.frame_stack,
+                    config.activation,
+                    config.frame_differences,
                 )
                 for _ in range(count)
             ]

@@ -19,7 +19,7 @@ from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.layouts.layout import SQUASHED
 from joybridge.policy.actor import Actor
 from joybridge.policy.scaling import LIMIT, Scaling
-from joybridge.ppo.convolutions import Activate, Convolutions, ImageEncoder, Residual
+from joybridge.ppo.convolutions import Activate, Convolutions, DifferenceConvolution, ImageEncoder, Residual
 from joybridge.ppo.memory import Memory
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -181,6 +181,8 @@ def _steps(layers: Iterable[nn.Module], values: Tensor) -> Iterator[Document]:
         match layer:
             case nn.Sequential():
                 yield from _steps(layer, values)
+            case DifferenceConvolution(convolution=nn.Conv2d() as inner):
+                yield _convolution(layer.seen, inner.bias, inner.stride[0], int(inner.padding[0]))
             case nn.Conv2d():
                 yield _convolution(layer.weight, layer.bias, layer.stride[0], int(layer.padding[0]))
             case nn.Flatten():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.activations import ACTIVATIONS
@@ -18,6 +19,7 @@ WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
 FIELDS = {"windows": 16, "nature": 36}  # pixels of a side that one place of the last map depends on, all in all
 APART = 8  # pixels between two such places
+GAIN = 4.0  # of changes from frame to frame, which are small beside the pictures themselves
 
 
 class Encoded(NamedTuple):
@@ -34,11 +36,25 @@ class ImageEncoder(nn.Module):
     Nothing is averaged over an image, because a pointer needs positions.
     """
 
-    def __init__(self, kind: str, images: Sequence[Image], numbers: int, frame_stack: int, activation: str) -> None:
-        """Encode stacks of so many pictures beside `numbers` numbers. kind: see `PolicyConfig.image_encoder`."""
+    def __init__(
+        self,
+        kind: str,
+        images: Sequence[Image],
+        numbers: int,
+        frame_stack: int,
+        activation: str,
+        differences: bool = False,
+    ) -> None:
+        """Encode stacks of so many pictures beside `numbers` numbers.
+
+        kind, differences: see `image_encoder` and `frame_differences` of `PolicyConfig`.
+        """
         super().__init__()
         self.images = images
         self.convolutions = nn.ModuleList(Convolutions(kind, image, frame_stack, activation) for image in images)
+        if differences:
+            for body in self.bodies:
+                body.see_differences(frame_stack)
         self.features = numbers + sum(body.features for body in self.bodies)
 
     @property
@@ -84,6 +100,12 @@ class Convolutions(nn.Module):
         maps = self.see(pixels)
         return self.dense(maps[-1].flatten(1)), maps
 
+    def see_differences(self, frame_stack: int) -> None:
+        """Let the first convolution learn from what has changed between the pictures of a stack."""
+        first = self.stages[0]
+        assert isinstance(first, nn.Sequential) and isinstance(first[0], nn.Conv2d)
+        first[0] = DifferenceConvolution(first[0], frame_stack)
+
     def see(self, pixels: Tensor) -> list[Tensor]:
         """Return what each stage returns for [n, height, width, channels]."""
         maps = [pixels.permute(0, 3, 1, 2)]
@@ -128,6 +150,37 @@ class Activate(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return the activation of each value."""
         return self.function(values)
+
+
+class DifferenceConvolution(nn.Module):
+    """A convolution whose weights are those of the changes from frame to frame, and of the newest frame.
+
+    A change is a difference of pixels times GAIN. Both are sums of pixels, so this is a convolution of the pictures as
+    they are, with the weights `seen`: only what its steps of learning do is another thing. What moves in front of a
+    background that stands still is found in fewer of them.
+    """
+
+    basis: Tensor  # [frames, frames]: of which frames, oldest first, each change and then the newest frame are made
+
+    def __init__(self, convolution: nn.Conv2d, frames: int) -> None:
+        """Take the weights of a convolution of so many frames."""
+        super().__init__()
+        self.convolution, self.frames = convolution, frames
+        basis = GAIN * (torch.diag(torch.ones(frames - 1), 1) - torch.eye(frames))
+        basis[-1, -1] = 1.0
+        self.register_buffer("basis", basis, persistent=False)
+
+    @property
+    def seen(self) -> Tensor:
+        """Return the weights of the pictures as they are, [features, channels, height, width]."""
+        weight = self.convolution.weight
+        by_frame = weight.view(len(weight), self.frames, -1, *weight.shape[2:])
+        return torch.einsum("cf,ockhw->ofkhw", self.basis, by_frame).reshape(weight.shape)
+
+    def forward(self, pixels: Tensor) -> Tensor:
+        """Return the features [n, features, height, width] of stacks [n, channels, height, width]."""
+        layer = self.convolution
+        return functional.conv2d(pixels, self.seen, layer.bias, layer.stride, layer.padding)
 
 
 class Residual(nn.Module):

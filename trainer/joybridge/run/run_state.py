@@ -26,6 +26,7 @@ NETWORK_KEYS = (
     "activation",
     "scale_observations",
     "image_encoder",
+    "frame_differences",
     "network",
 )  # keys of a policy that the shapes of its network do not show
 
