@@ -86,11 +86,9 @@ def without_wheel(needed: Mapping[str, str], system: str, python: str) -> Iterat
     left = {name: f"{name}=={version}" if version else name for name, version in needed.items()}
     with tempfile.TemporaryDirectory() as folder:
         while True:
-            command = [
-                sys.executable, "-m", "pip", "install", "--dry-run", "--quiet", "--no-deps", "--ignore-installed",
-                "--only-binary", ":all:", "--platform", system, "--python-version", python, "--target", folder,
-                *left.values(),
-            ]  # fmt: skip
+            flags = ["--dry-run", "--quiet", "--no-deps", "--ignore-installed", "--only-binary", ":all:"]
+            target = ["--platform", system, "--python-version", python, "--target", folder]
+            command = [sys.executable, "-m", "pip", "install", *flags, *target, *left.values()]
             result = subprocess.run(command, capture_output=True, text=True, check=False)
             if not result.returncode:
                 return

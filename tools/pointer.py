@@ -132,13 +132,9 @@ def train(run: Path, seed: int, timesteps: int, keys: list[str]) -> dict[str, fl
             "policy: {frame_stack: 1, hidden_sizes: [64, 64], rollout_steps: 64, time_horizon: 64, epochs: 8,\n"
             "  learning_rate: 1.0e-3, entropy_coef: 0.005, entropy: sum}\n"
         )
-        subprocess.run(
-            [
-                sys.executable, "-m", "joybridge", "train", str(settings), "--game", "tools.pointer:Moths",
-                "--run", str(run), f"seed={seed}", f"total_timesteps={timesteps}", *keys,
-            ],
-            check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+        command = [sys.executable, "-m", "joybridge", "train", "--game", "tools.pointer:Moths"]
+        command += [str(settings), "--run", str(run), f"seed={seed}", f"total_timesteps={timesteps}", *keys]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     rows = read_rows(run / "metrics-player.csv")
     last = rows[-max(1, round(LAST * len(rows))) :]
     return {metric: float(np.mean([row[metric] for row in last])) for metric in ("caught", "presses")}

@@ -58,13 +58,16 @@ policy:
 """
 
 
+WIDE = """\
+  log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
+"""
+
+
 def _of_numbers(spec: pb.GameSpec) -> str:
     numbers = max(sum(element_count(sensor) for sensor in behavior.sensors) for behavior in spec.behaviors)
     units = 32 if numbers <= 8 else 64 if numbers <= 64 else 128
     rollout = min(ROLLOUT, spec.max_episode_decisions or ROLLOUT)
-    wide = """\
-  log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
-""" if any(behavior.device.axes for behavior in spec.behaviors) else ""  # fmt: skip
+    wide = WIDE if any(behavior.device.axes for behavior in spec.behaviors) else ""
     return f"""\
 policy:
   frame_stack: 1          # observations per network input; more if one observation does not show how things move
