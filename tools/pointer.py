@@ -128,7 +128,7 @@ def train(run: Path, seed: int, timesteps: int, keys: list[str]) -> dict[str, fl
         run.parent.mkdir(parents=True, exist_ok=True)
         settings = run.parent / "pointer.yaml"
         settings.write_text(
-            "game: moths\narenas: 32\ngroups: 1\nlog_interval: 10000\nlog_to: []\n"
+            "game: moths\narenas: 32\npipeline_groups: 1\nlog_interval: 10000\nlog_to: []\n"
             "policy: {frame_stack: 1, hidden_sizes: [64, 64], rollout_steps: 64, time_horizon: 64, epochs: 8,\n"
             "  learning_rate: 1.0e-3, entropy_coef: 0.005, entropy: sum}\n"
         )
