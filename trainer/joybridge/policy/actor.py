@@ -22,7 +22,7 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide, write_heads
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import NetworkShape, shape_of
-from joybridge.ppo.images import check_maps
+from joybridge.ppo.images import check_differences, check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, Towers, flatten_parameters
 from joybridge.ppo.observation import Observation
@@ -71,19 +71,12 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
+        if config.frame_differences:
+            check_differences(role.name, config.network, config.frame_stack, pictures)
         count = 1 if shared or config.shared_encoder else 2
         encoders: list[ImageEncoder | OwnEncoder] = []
         if config.network and space.maps:
             raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
-        if config.frame_differences and (config.network or not pictures or config.frame_stack == 1):
-            why = (
-                f"{config.network} sees the pictures as they are"
-                if config.network
-                else "frame_stack is 1; set it to 2 or more"
-                if pictures
-                else "there are no images; leave it out"
-            )
-            raise ConfigError(f"{role.name}: frame_differences: {why}")
         if config.network and config.remember_acts:
             raise ConfigError(f"network: {config.network} sees sensors alone; set remember_acts to 0")
         if config.network:

@@ -65,6 +65,19 @@ def check_maps(policy: str, maps: Iterable[Map], images: Collection[Image]) -> N
         raise ConfigError(f"{policy}: the layout is a map in an image {kind}, but {found}; take {instead}")
 
 
+def check_differences(policy: str, network: str | None, frame_stack: int, images: Collection[Image]) -> None:
+    """Raise ConfigError unless convolutions of ours see stacks of images, between which there are differences."""
+    why = ""
+    if network:
+        why = f"{network} sees the pictures as they are"
+    elif not images:
+        why = "there are no images; leave it out"
+    elif frame_stack == 1:
+        why = "frame_stack is 1; set it to 2 or more"
+    if why:
+        raise ConfigError(f"{policy}: frame_differences: {why}")
+
+
 def shows(image: Image, each: Map) -> bool:
     """Return whether the cells of a map are places in an image."""
     return image.centered == each.relative

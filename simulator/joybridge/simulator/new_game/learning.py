@@ -5,6 +5,9 @@ from joybridge.v1 import bridge_pb2 as pb
 
 ROLLOUT = 60  # decisions, at most
 CELLS_ACROSS = 16  # of the map in which a pointer is placed
+WIDE = """\
+  log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
+"""
 
 
 def images(spec: pb.GameSpec) -> list[pb.Sensor]:
@@ -55,11 +58,6 @@ policy:
   epochs: 3               # how often an update goes through its rollout; fewer if the reward breaks down
   learning_rate: 1.0e-3   # lower if the reward fluctuates
   entropy_coef: 0.01      # higher for more exploration; lower if the policy does not converge
-"""
-
-
-WIDE = """\
-  log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
 """
 
 
