@@ -171,6 +171,33 @@ def test_what_environments_hold_ends_with_the_session_and_with_the_server(worker
         os.kill(int(pid), signal.SIGKILL)
 
 
+HASTY = """
+import sys
+import grpc.aio._server
+
+async def stop(self, grace):
+    pass
+
+grpc.aio._server.Server.stop = stop
+from joybridge.simulator.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_what_environments_hold_ends_also_where_grpc_ends_before_the_session(tmp_path):
+    """gRPC may say that all calls are over before the coroutine of a session has run its `finally`."""
+    place = f"tests.support.environments:Holding-v0 folder={tmp_path}"
+    with (
+        server("--workers", "1", "--gym", place, module=("-c", HASTY)) as process,
+        Session(process.address, "Holding-v0", arenas=3, seed=1),
+    ):
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+        held = [file.name for file in tmp_path.iterdir()]
+        assert len(held) > 3  # some were looked at before
+        until(lambda: not any(map(alive, held)))
+
+
 def test_a_worker_that_takes_no_message_is_too_slow():
     game: Any = load_games([DOOMED], 2)["doomed"]({}, {}, 2, 0, 1)
     with closing(game):

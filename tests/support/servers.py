@@ -21,9 +21,9 @@ ROOT = Path(__file__).parents[2]
 class Server(subprocess.Popen[str]):
     """A server process; `address` is where it says that it listens, or empty if it ended."""
 
-    def __init__(self, *arguments, **streams):
+    def __init__(self, *arguments, module=("-m", "joybridge.simulator"), **streams):
         free = [] if {"--address", "--port"} & {*arguments} else ["--address", "127.0.0.1:0"]  # 5005 may be in use
-        command = [sys.executable, "-m", "joybridge.simulator", "serve", *free, *arguments]
+        command = [sys.executable, *module, "serve", *free, *arguments]
         super().__init__(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, **streams)
         assert self.stdout is not None
         self.address = self.stdout.readline().removeprefix(READY).strip()

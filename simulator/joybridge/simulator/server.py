@@ -69,6 +69,7 @@ async def serve(games: Catalog, address: str, limits: Limits, protection: Server
     if sessions and not with_parent:  # the program that started this one shut it down
         log.info("shutting down: %d open sessions end with UNAVAILABLE", sessions)
     await server.stop(GRACE_SECONDS)
+    service.release_streams()
     _end_games()
     faulthandler.cancel_dump_traceback_later()
 

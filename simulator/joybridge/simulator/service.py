@@ -98,6 +98,12 @@ class ServerStream:
         if self.local is not None:
             self.local.close()
 
+    def release(self) -> None:
+        """Let the thread of the game end, after it has freed what the game and the socket hold. May be called again."""
+        if self.local is not None:
+            self.local.end()
+        self.thread.end(self.close)
+
     def end(self, reason: Refusal) -> None:
         """End the stream with a status. A response that is being sent is sent completely before the status."""
         self.ending = reason
@@ -182,9 +188,7 @@ class Service(rpc.SimulatorServiceServicer):
             await context.abort(*stream.ending.status())
         finally:
             self.streams.discard(stream)
-            if stream.local is not None:
-                stream.local.end()
-            stream.thread.end(stream.close)
+            stream.release()
             self.ended = True
 
     async def _begin_or_answer(self, stream: ServerStream, request: pb.PlayRequest) -> pb.PlayResponse:
@@ -257,3 +261,8 @@ class Service(rpc.SimulatorServiceServicer):
         for thread in self.describers.values():
             thread.end()
         return sum(stream.playing for stream in self.streams)
+
+    def release_streams(self) -> None:
+        """Release the streams that gRPC has ended, but whose `Play` has not come to its end yet."""
+        for stream in self.streams:
+            stream.release()
