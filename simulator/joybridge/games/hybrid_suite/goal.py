@@ -6,13 +6,14 @@ from typing import ClassVar
 import numpy as np
 
 from joybridge.games.hybrid_suite import soccer as s
-from joybridge.games.hybrid_suite.suite_game import CHANNELS, METRICS, SuiteGame
+from joybridge.games.hybrid_suite.suite_game import METRICS, SuiteGame
 from joybridge.simulator import (
     ActArrays,
     Array,
     axis,
     behavior,
     branch,
+    channel,
     check_range,
     option,
     parameter,
@@ -86,11 +87,14 @@ class Goal(SuiteGame):
         """Return the spec: a branch for the action, and axes for what each aims at."""
         striker = behavior(
             "striker",
-            description="50 for a goal; for an episode without, minus the ball's distance from the goal",
+            description="scores, and shall at least end near the goal",
             sensors=SENSORS,
             axes=[*KICK_AXES, *cls.shot_axes()],
             branches=[branch("act", cls.actions())],
-            channels=CHANNELS,
+            channels=[
+                channel("goal", description="50 for a goal"),
+                channel("miss", description="minus the distance of the ball from the goal, at the end without one"),
+            ],
             metrics=METRICS,
         )
         return spec(
@@ -142,6 +146,10 @@ class Goal(SuiteGame):
         reserve(self.streams, s.MAX_TICK_DRAWS)
         while s.advance(self.arenas, self.streams, self.rules, action, x, y, rewards):
             reserve(self.streams, s.MAX_TICK_DRAWS)
+
+    def channels(self, rewards: Array) -> Array:
+        """Return the rewards by channel: what is paid for goals, and for misses."""
+        return np.stack([np.maximum(rewards, 0.0), np.minimum(rewards, 0.0)], axis=1).astype(np.float32)
 
     def distance(self) -> Array:
         """Return how far every ball is from the goal."""

@@ -36,6 +36,10 @@ class SuiteGame(RecordGame):
     def decide(self, act: ActArrays, rewards: Array) -> None:
         """Advance every arena by one decision: write its reward, float64 [arenas], and its outcome."""
 
+    def channels(self, rewards: Array) -> Array:
+        """Return the rewards of a decision by channel, float32 [arenas, channels]; their sum is the task's."""
+        return rewards.astype(np.float32)[:, None]
+
     @abstractmethod
     def distance(self) -> Array:
         """Return how far every arena is from its aim, float64 [arenas]."""
@@ -63,7 +67,7 @@ class SuiteGame(RecordGame):
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
-        return [quiet_step(self.observations(), len(CHANNELS))]
+        return [quiet_step(self.observations(), self.channels(np.zeros(len(self.arenas))).shape[1])]
 
     def observations(self) -> list[Array]:
         """Return the current observations, float32 [arenas, *shape] per sensor."""
@@ -77,9 +81,7 @@ class SuiteGame(RecordGame):
         rewards = np.zeros(len(self.arenas))
         self.decide(act, rewards)
         observations, outcome = self.observations(), self.fields["outcome"]
-        step = StepArrays(
-            observations, rewards.astype(np.float32)[:, None], outcome == TERMINATED, outcome == TRUNCATED
-        )
+        step = StepArrays(observations, self.channels(rewards), outcome == TERMINATED, outcome == TRUNCATED)
         ends = outcome != GOING
         if ends.any():
             step.ended = np.flatnonzero(ends).astype(np.int32)
