@@ -128,9 +128,9 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         say(f"missing: {text}")
     if not scored[0]:
         raise ConfigError("there is nothing to compare, because every run is missing")
-    differing = settings_block(variants, [find_config(config) for config in (options.config, *options.also)])
-    if warning := different_bodies(variants, specs):
-        differing = f"{differing or '## What differs'}\n\n{escaped(warning[0].upper() + warning[1:])}."
+    files = [find_config(config) for config in (options.config, *options.also)]
+    bodies = different_bodies(variants, specs)
+    settings = settings_block(variants, files, f"{escaped(bodies[0].upper() + bodies[1:])}." if bodies else "")
     setting = Setting(
         game=variants[0].config.game,
         timesteps=[job.timesteps for job in jobs],
@@ -138,7 +138,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
         command=repetition(options),
         missing=missing,
         mark=page_mark(options.metric, options.behavior, *test_marks(options)),
-        differing=differing,
+        settings=settings,
         test=test_words(options),
         figures=options.figures,
         left_out=[

@@ -118,7 +118,7 @@ def page_text(over: Over, setting: Setting) -> str:
     trained = "; gray: as trained" if over.span else ""
     caption = f"{over.center} over runs of each variant, with its 95 % interval, over {key}{trained}"
     blocks += [picture_block(f"scores{setting.mark}", caption)]
-    blocks += [setting.differing] if setting.differing else []
+    blocks += [setting.settings] if setting.settings else []
     blocks += [made_with] if (made_with := made_with_block(setting.made_with, setting.played)) else []
     blocks += ["## Again", f"```\n{setting.command}\n```"]
     return "\n\n".join(blocks) + "\n"

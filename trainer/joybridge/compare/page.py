@@ -98,7 +98,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
             f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method.{bold}",
             _matrix(analysis, _p_cell),
         ]
-    blocks += [setting.differing] if setting.differing else []
+    blocks += [setting.settings] if setting.settings else []
     blocks += ["## Performance profiles", picture_block(f"profiles{setting.mark}", CAPTIONS["profiles"])]
     if not setting.test:
         blocks += [f"## Timesteps to a score of {number_text(analysis.score)}", _timesteps_to_score(analysis)]

@@ -29,7 +29,7 @@ class Setting:
     command: str  # that makes this comparison
     missing: Sequence[str]  # runs that failed, each with its reason
     mark: str = ""  # what the names of the files of the page end with
-    differing: str = ""  # what differs among the variants, as Markdown
+    settings: str = ""  # in what the variants differ, and what they share, as Markdown
     test: str = ""  # how the policies play in a test, whose scores are compared; "": there is none
     figures: str = ""  # the format in which pictures are also written, for a paper
     left_out: Sequence[str] = ()  # variants in the same folder that are not compared, the names of their files

@@ -13,12 +13,11 @@ from typing import Any
 from joybridge.compare.launch import seed_words
 from joybridge.compare.names import file_name, page_mark
 from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
+from joybridge.compare.page_settings import own_settings
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.suites import SUITES, Task
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import read_variants
-from joybridge.config.config import Config
-from joybridge.config.differences import differences
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import numbers
@@ -26,11 +25,6 @@ from joybridge.contract.files import read_file
 from joybridge.progress import say
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
-# Keys that say what is trained, how long and how it is watched, not how.
-NO_SETTINGS = {
-    *("game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric"),
-    "pipeline_groups",
-}
 TIMES = "seconds"  # the picture of scores over them
 
 
@@ -134,10 +128,7 @@ def _timesteps(data: dict[str, Any]) -> int:
 
 def _settings(folder: Path) -> str:
     """Return how many keys of the first variant differ from its preset."""
-    config = next(iter(read_variants(folder).values())).config
-    before, now = Config(game=config.game, preset=config.preset).model_dump(), config.model_dump()
-    changed = {key for key, _, _ in differences(before, now)}
-    return f"{len({key for key in changed if key.partition('.')[0] not in NO_SETTINGS})}"
+    return f"{len(own_settings(next(iter(read_variants(folder).values())).config))}"
 
 
 def _lines(folder: Path, data: dict[str, Any], metric: str) -> list[Line]:
