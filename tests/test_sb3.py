@@ -3,6 +3,7 @@
 import inspect
 import math
 from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -123,3 +124,12 @@ def test_observations_that_it_takes_for_images_are_refused(high, image):
             check_spaces(f"Pixels{high}-v0")
     finally:
         del gymnasium.registry[f"Pixels{high}-v0"]
+
+
+def test_an_environment_that_lacks_a_package_names_it(monkeypatch):
+    def lacking(**settings):
+        import_module("imageio_of_nobody")
+
+    monkeypatch.setitem(gymnasium.registry, "Lacking-v0", gymnasium.envs.registration.EnvSpec("Lacking-v0", lacking))
+    with pytest.raises(ConfigError, match=r"'Lacking-v0' does not work: ModuleNotFoundError: .*imageio_of_nobody"):
+        check_spaces("Lacking-v0")

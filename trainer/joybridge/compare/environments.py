@@ -47,15 +47,19 @@ def is_registered(environment: str) -> bool:
 
 
 def check_spaces(environment: str) -> None:
-    """Raise ConfigError for an environment whose spaces PPO of Stable-Baselines3, which is not imported, does not take.
+    """Raise ConfigError for an environment that cannot be made, or whose spaces PPO of Stable-Baselines3 does not take.
 
-    environment: "ID" or "MODULE:ID".
+    environment: "ID" or "MODULE:ID". Stable-Baselines3 is not imported.
     """
     import gymnasium
     from gymnasium import spaces
 
     taken = (spaces.Box, spaces.Discrete, spaces.MultiDiscrete, spaces.MultiBinary)  # by its MlpPolicy
-    with closing(gymnasium.make(environment)) as env:
+    try:
+        made = gymnasium.make(environment)
+    except Exception as error:  # whatever an environment raises, as for a package that it needs
+        raise ConfigError(f"--gym {environment!r} does not work: {type(error).__name__}: {error}") from error
+    with closing(made) as env:
         for what, space in (("actions", env.action_space), ("observations", env.observation_space)):
             if not isinstance(space, taken):
                 raise ConfigError(
