@@ -15,7 +15,7 @@ FOUND = "# The best of "  # how a configuration begins that a search has written
 # Keys that say what is trained, how long and how it is watched, not how.
 NO_SETTINGS = {
     *("game", "options", "layout", "seed", "total_timesteps", "log_interval", "evaluate_during", "best_metric"),
-    *("pipeline_groups", "preset"),
+    *("pipeline_groups", "preset", "games"),
 }
 
 

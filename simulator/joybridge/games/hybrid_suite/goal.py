@@ -87,7 +87,7 @@ class Goal(SuiteGame):
         """Return the spec: a branch for the action, and axes for what each aims at."""
         striker = behavior(
             "striker",
-            description="scores, and shall at least end near the goal",
+            description="scores, or else ends with the ball near the goal",
             sensors=SENSORS,
             axes=[*KICK_AXES, *cls.shot_axes()],
             branches=[branch("act", cls.actions())],
