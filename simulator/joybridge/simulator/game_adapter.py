@@ -1,24 +1,34 @@
 """Turn an author's one-arena `Game` into the `BatchedGame` that the server runs.
 
-Everything that an author returns is checked here: a mistake raises an ArenaError. A game that raises an error after it
-has played for long loses its episode, and is made anew.
+Everything that an author returns is checked, here and in `timestep_arrays.py`: a mistake raises an ArenaError. A game
+that raises an error after it has played for long loses its episode, and is made anew.
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from math import inf, isfinite
+from math import inf
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.limits import MAX_FLOAT32
-from joybridge.contract.tensors import NUMPY_TYPES, Array
-from joybridge.simulator.batched_game import ArenaError, BatchedGame, GameError
+from joybridge.contract.tensors import Array
+from joybridge.simulator.batched_game import ArenaError, BatchedGame
 from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.game import Action, Game, TimeStep
 from joybridge.simulator.log import say_failures
+from joybridge.simulator.timestep_arrays import (
+    BehaviorFormat,
+    arena_error,
+    masks,
+    metrics,
+    observations,
+    require_action,
+    require_finite,
+    unknown_name,
+)
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -34,7 +44,6 @@ log = logging.getLogger("simulator")
 # Decisions of an arena, since it began or its game last failed, after which a failure costs the episode alone. So a
 # mistake that an author looks for, and one that comes again and again, end the session.
 TRUSTED = 1000
-Rows = list[tuple[int, TimeStep]]  # timesteps, each with the number of its arena
 
 
 class End(NamedTuple):
@@ -43,36 +52,6 @@ class End(NamedTuple):
     timesteps: list[TimeStep]  # one per agent
     parameters: list[float]  # with which it was played
     interrupted: bool = False  # by an error of the game
-
-
-class SensorFormat(NamedTuple):
-    """What the values of a sensor must be."""
-
-    name: str
-    where: str  # for errors
-    dtype: Any
-    shape: tuple[int, ...]
-
-
-class BehaviorFormat:
-    """The parts of a behavior's spec that every step needs, as plain Python: protobuf is slow to read."""
-
-    def __init__(self, behavior: pb.Behavior, first_slot: int) -> None:
-        """Read a behavior whose agents are those from `first_slot` on in the author's lists."""
-        self.name, self.agents = behavior.name, behavior.agents_per_arena
-        self.slots = range(first_slot, first_slot + self.agents)
-        device = behavior.device
-        self.actions = [*(axis.name for axis in device.axes), *(branch.name for branch in device.branches)]
-        self.choices = {branch.name: len(branch.choices) for branch in device.branches}
-        self.channels = {channel.name: index for index, channel in enumerate(behavior.channels)}
-        self.metrics = [metric.name for metric in behavior.metrics]
-        self.scripts = [script.name for script in behavior.scripts]
-        self.sensors = [
-            SensorFormat(
-                sensor.name, f"{behavior.name}: sensor {sensor.name!r}", NUMPY_TYPES[sensor.dtype], tuple(sensor.shape)
-            )
-            for sensor in behavior.sensors
-        ]
 
 
 class GameAdapter(BatchedGame):
@@ -165,7 +144,7 @@ class GameAdapter(BatchedGame):
         try:
             return self.games[arena].draw()
         except BaseException as error:
-            raise _named(arena, error) from error
+            raise arena_error(arena, error) from error
 
     def close(self) -> None:
         """Close the games, also those after one whose `close` raises."""
@@ -204,7 +183,7 @@ class GameAdapter(BatchedGame):
         try:
             self.games[arena] = self._make(arena, old.rng)
         except BaseException as another:
-            raise _named(arena, another) from another
+            raise arena_error(arena, another) from another
         return [
             TimeStep(
                 {
@@ -242,9 +221,9 @@ class GameAdapter(BatchedGame):
                 name = behavior.scripts[scripts[lane] - 1]
                 try:
                     action = self.games[arena].script(name, slot)
-                    _require_action(f"{behavior.name}: script {name!r}", action, behavior, timestep)
+                    require_action(f"{behavior.name}: script {name!r}", action, behavior, timestep)
                 except BaseException as error:
-                    raise _named(arena, error) from error
+                    raise arena_error(arena, error) from error
                 actions[lane] = action
 
     def _timesteps(self, arena: int, play: Callable[..., Any], *actions: Any) -> list[TimeStep]:
@@ -252,7 +231,7 @@ class GameAdapter(BatchedGame):
         try:
             result = play(*actions)
         except BaseException as error:
-            raise _named(arena, error) from error
+            raise arena_error(arena, error) from error
         single = isinstance(result, TimeStep)
         if single and len(self.agents) == 1:
             return [result]
@@ -272,10 +251,10 @@ class GameAdapter(BatchedGame):
                 for name, value in timestep.rewards.items():
                     earned[arena * behavior.agents + agent, behavior.channels[name]] += value
             except KeyError as error:
-                unknown = _unknown(f"{behavior.name}: reward channel", error.args[0], behavior.channels)
-                raise _named(arena, unknown) from error
+                unknown = unknown_name(f"{behavior.name}: reward channel", error.args[0], behavior.channels)
+                raise arena_error(arena, unknown) from error
             except BaseException as error:
-                raise _named(arena, error) from error
+                raise arena_error(arena, error) from error
 
     def _behavior_step(self, b: int, ended: Mapping[int, End]) -> StepArrays:
         """Collect one behavior's lanes into arrays."""
@@ -283,11 +262,11 @@ class GameAdapter(BatchedGame):
         timesteps = [(arena, own[slot]) for arena, own in enumerate(self.timesteps) for slot in behavior.slots]
         ends = [(arena, end.timesteps[slot]) for arena, end in ended.items() for slot in behavior.slots]
         step = StepArrays(
-            _observations(behavior, timesteps),
+            observations(behavior, timesteps),
             np.zeros_like(self.earned[b]),
             np.zeros(len(timesteps), bool),
             np.zeros(len(timesteps), bool),
-            _masks(behavior, timesteps),
+            masks(behavior, timesteps),
         )
         self.shown[b] = step.observations
         if ends:
@@ -295,8 +274,8 @@ class GameAdapter(BatchedGame):
             step.ended = lanes[list(ended)].reshape(-1)
             step.terminated[step.ended] = [timestep.terminated for _, timestep in ends]
             step.truncated[step.ended] = [timestep.truncated for _, timestep in ends]
-            step.final_observations = _observations(behavior, ends)
-            step.metrics = _metrics(behavior, ends)
+            step.final_observations = observations(behavior, ends)
+            step.metrics = metrics(behavior, ends)
             if any(end.interrupted for end in ended.values()):
                 step.interrupted = np.repeat([end.interrupted for end in ended.values()], behavior.agents)
             if self.distributions:
@@ -306,103 +285,7 @@ class GameAdapter(BatchedGame):
         if not deciding.all():
             step.deciding = deciding
         due = deciding | step.terminated | step.truncated
-        _require_finite(f"{behavior.name}: a reward", self.earned[b], timesteps)
+        require_finite(f"{behavior.name}: a reward", self.earned[b], timesteps)
         step.rewards[due] = self.earned[b][due]
         self.earned[b][due] = 0.0
         return step
-
-
-def _observations(behavior: BehaviorFormat, timesteps: Rows) -> list[Array]:
-    columns = []
-    for sensor in behavior.sensors:
-        try:
-            column = np.array([timestep.observation[sensor.name] for _, timestep in timesteps], sensor.dtype)
-        except Exception:  # one of them is wrong
-            column = np.empty(0)
-        if column.shape != (len(timesteps), *sensor.shape):
-            column = _column(sensor, timesteps)
-        _require_finite(sensor.where, column, timesteps)
-        columns.append(column)
-    return columns
-
-
-def _column(sensor: SensorFormat, timesteps: Rows) -> Array:
-    """Return the values of a sensor. Raises GameError, which names the arena of the first wrong one."""
-    column = np.empty((len(timesteps), *sensor.shape), sensor.dtype)
-    for row, (arena, timestep) in enumerate(timesteps):
-        if sensor.name not in timestep.observation:
-            raise ArenaError(arena, f"{sensor.where} is in the spec but not in the observation")
-        value = timestep.observation[sensor.name]
-        if np.shape(value) != sensor.shape:
-            came, wanted = list(np.shape(value)), list(sensor.shape)
-            raise ArenaError(arena, f"{sensor.where} has shape {came}, expected {wanted}")
-        try:
-            column[row] = value
-        except Exception as error:  # it is no number, or too large for the dtype
-            raise ArenaError(arena, f"{sensor.where}: {type(error).__name__}: {error}") from error
-    return column
-
-
-def _masks(behavior: BehaviorFormat, timesteps: Rows) -> list[Array] | None:
-    if not any(timestep.masks for _, timestep in timesteps):
-        return None
-    for arena, timestep in timesteps:
-        try:
-            _require_known(f"{behavior.name}: masked branch", timestep.masks, behavior.choices)
-            for name, mask in timestep.masks.items():
-                if len(mask) != behavior.choices[name] or not any(mask):
-                    came, wanted = list(mask), f"{behavior.choices[name]} booleans that are not all false"
-                    raise GameError(f"{behavior.name}: mask of {name!r} is {came}, expected {wanted}")
-        except BaseException as error:
-            raise _named(arena, error) from error
-    return [
-        np.array([timestep.masks.get(name, [True] * count) for _, timestep in timesteps], bool)
-        for name, count in behavior.choices.items()
-    ]
-
-
-def _metrics(behavior: BehaviorFormat, ends: Rows) -> Array | None:
-    names = behavior.metrics
-    metrics = np.empty((len(ends), len(names)), np.float32)
-    for row, (arena, timestep) in enumerate(ends):
-        try:
-            _require_known(f"{behavior.name}: metric", timestep.metrics, names)
-            metrics[row] = [timestep.metrics.get(name, 0.0) for name in names]
-        except BaseException as error:
-            raise _named(arena, error) from error
-    _require_finite(f"{behavior.name}: a metric of {names}", metrics, ends)
-    return metrics if names else None
-
-
-def _named(arena: int, error: BaseException) -> ArenaError:
-    """Return what a game has raised with the number of its arena; a call of exit() is an error as well."""
-    text = str(error) if isinstance(error, GameError) else f"{type(error).__name__}: {error}"
-    return ArenaError(arena, text)
-
-
-def _require_known(what: str, given: Iterable[str], known: Collection[str]) -> None:
-    for name in given:
-        if name not in known:
-            raise _unknown(what, name, known)
-
-
-def _unknown(what: str, name: object, known: Collection[str]) -> GameError:
-    return GameError(f"{what} {name!r} is not in the spec, which has {list(known)}")
-
-
-def _require_action(what: str, action: Action, behavior: BehaviorFormat, timestep: TimeStep) -> None:
-    """Raise GameError unless an action names all of a device and presses what it has and the masks allow."""
-    if set(action) != set(behavior.actions):
-        raise GameError(f"{what} returned {action!r}, expected a value for each of {behavior.actions}")
-    for branch, count in behavior.choices.items():
-        choice = action[branch]
-        if choice not in range(count) or not timestep.masks.get(branch, [True] * count)[int(choice)]:
-            raise GameError(f"{what} chose {choice!r} of {branch!r}, expected one of {count} that is not masked")
-
-
-def _require_finite(what: str, rows: Array, timesteps: Rows) -> None:
-    if rows.dtype.kind != "f" or isfinite(np.vdot(rows, rows)):  # a finite sum of squares: all are, see `Format`
-        return
-    if not np.isfinite(rows).all():
-        row, *_ = np.argwhere(~np.isfinite(rows))[0]
-        raise ArenaError(timesteps[row][0], f"{what} is {rows[row].tolist()}, expected finite numbers")

@@ -2,15 +2,16 @@
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from pathlib import Path
 from statistics import mean
 
-from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Pair, Result, center, least_seeds
-from joybridge.compare.estimators import RESAMPLES, Estimate
+from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Result, center, least_seeds
+from joybridge.compare.estimators import RESAMPLES
 from joybridge.compare.made_with import changed_sources, made_with_block
 from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
+from joybridge.compare.page_pairs import pairs_blocks, smallest_p_text
 from joybridge.compare.page_parts import (
     PICTURES,
     escaped,
@@ -67,7 +68,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
     """Return the page as Markdown. Only the section "Wall-clock time" differs when a comparison is made again."""
     blocks = [f"# {escaped(setting.game)}: {_count(len(analysis.results), 'variant')}"]
     blocks += [_introduction(analysis, setting), *_warnings(analysis, setting)]
-    enough, center = analysis.smallest_p < SIGNIFICANCE, analysis.center
+    center = analysis.center
     blocks += [
         "## Final scores",
         final_scores(analysis),
@@ -81,23 +82,7 @@ def page_text(analysis: Analysis, setting: Setting) -> str:
         ]
     if setting.held_out:
         blocks += _held_out(setting.held_out, setting.mark)
-    if analysis.pairs:
-        blocks += ["## Which variant is better", *_tested(analysis), _better(analysis)]
-        blocks += [
-            f"The effect size: the {center} of the row minus that of the column, with its 95 % interval.",
-            _matrix(analysis, _difference_cell),
-        ]
-        blocks += [
-            "The probability that a run of the row has a higher score than one of the column, with its 95 % "
-            "interval; that of all or none of the runs has none, because a bootstrap only knows the runs that it has. "
-            f"{'**Bold**: the p value below is smaller than 0.05.' if enough else _nothing_bold(analysis)}",
-            _matrix(analysis, _improvement_cell),
-        ]
-        bold = " **Bold**: below 0.05." if enough else ""
-        blocks += [
-            f"The p values of two-sided Mann-Whitney tests, corrected for the number of pairs by Holm's method.{bold}",
-            _matrix(analysis, _p_cell),
-        ]
+    blocks += pairs_blocks(analysis, few_episodes(analysis)) if analysis.pairs else []
     blocks += [setting.settings] if setting.settings else []
     blocks += ["## Performance profiles", picture_block(f"profiles{setting.mark}", CAPTIONS["profiles"])]
     if not setting.test:
@@ -248,22 +233,10 @@ def _warnings(analysis: Analysis, setting: Setting) -> list[str]:
     if analysis.smallest_p >= SIGNIFICANCE:
         blocks.append(
             f"**Too few runs for a significance test**: the smallest p value that is possible with them is "
-            f"{_smallest_p(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.pairs))}` or more; "
-            "finished runs are kept."
+            f"{smallest_p_text(analysis)}. Repeat the command with `--seeds {least_seeds(len(analysis.pairs))}` or "
+            "more; finished runs are kept."
         )
     return blocks
-
-
-def _nothing_bold(analysis: Analysis) -> str:
-    """Return why nothing is bold: a bootstrap over two runs, for example, only knows these two."""
-    return (
-        f"Nothing is bold: with so few runs the smallest p value that is possible is {_smallest_p(analysis)}, and "
-        "their bootstrap intervals are too narrow."
-    )
-
-
-def _smallest_p(analysis: Analysis) -> str:
-    return f"{min(1.0, analysis.smallest_p):.2g}"
 
 
 def final_scores(analysis: Analysis) -> str:
@@ -293,60 +266,6 @@ def _to_look_at(analysis: Analysis) -> str:
         typical = min(result.runs, key=lambda run: abs(run.score - result.median)).seed
         found.append(f"{escaped(result.label)}, {typical} and {best}")
     return f"The seeds of a run in the middle and of the best one: {'; '.join(found)}."
-
-
-def _tested(analysis: Analysis) -> list[str]:
-    """Return a sentence about the pairs that the command has selected, if it has."""
-    tested, all_pairs = len(analysis.pairs), math.comb(len(analysis.results), 2)
-    if tested == all_pairs:
-        return []
-    return [
-        f"{tested} of {all_pairs} pairs are tested: those that differ in one of the keys alone that `--pairs` names. "
-        "The p values are corrected for their number. This counts only if they were named before the scores were seen."
-    ]
-
-
-def _better(analysis: Analysis) -> str:
-    """Return the differences that are significant, in words."""
-    by_label = {result.label: result for result in analysis.results}
-    lines = []
-    for pair in analysis.pairs:
-        if pair.corrected < SIGNIFICANCE:
-            better, worse = (pair.first, pair.second) if pair.improvement.value > 0.5 else (pair.second, pair.first)
-            lines.append(
-                f"- {escaped(better)} ({analysis.center} {number_text(by_label[better].iqm.value)}) is better than "
-                f"{escaped(worse)} ({number_text(by_label[worse].iqm.value)}), p = {pair.corrected:.2g}."
-            )
-    if lines and (few := few_episodes(analysis)):
-        lines.append(f"\n{few}, so this is about the episodes that happened to end there. `--test` says more.")
-    return "\n".join(lines) or "No two variants differ significantly."
-
-
-def _matrix(analysis: Analysis, cell: Callable[[Pair, bool], str]) -> str:
-    """Return a table of all pairs. cell: the text of a pair; true where its second variant is the row."""
-    labels = [result.label for result in analysis.results]
-    cells = {(pair.first, pair.second): cell(pair, False) for pair in analysis.pairs}
-    cells |= {(pair.second, pair.first): cell(pair, True) for pair in analysis.pairs}
-    rows = [(escaped(row), *(cells.get((row, column), "") for column in labels)) for row in labels]
-    return table(("", *map(escaped, labels)), rows)
-
-
-def _difference_cell(pair: Pair, reverse: bool) -> str:
-    value, low, high = pair.difference
-    return interval_text(Estimate(0 - value, 0 - high, 0 - low) if reverse else pair.difference, pair.runs > 2)
-
-
-def _improvement_cell(pair: Pair, reverse: bool) -> str:
-    value, low, high = pair.improvement
-    if reverse:
-        value, low, high = 1 - value, 1 - high, 1 - low
-    interval = {0.0: "(none)", 1.0: "(all)"}.get(value, f"[{100 * low:.0f}, {100 * high:.0f}]")
-    text = f"{100 * value:.0f} % {interval}"
-    return f"**{text}**" if pair.corrected < SIGNIFICANCE else text
-
-
-def _p_cell(pair: Pair, reverse: bool) -> str:
-    return f"**{pair.corrected:.2g}**" if pair.corrected < SIGNIFICANCE else f"{pair.corrected:.2g}"
 
 
 def _timesteps_to_score(analysis: Analysis) -> str:
