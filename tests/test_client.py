@@ -16,15 +16,8 @@ import numpy as np
 import pytest
 
 from joybridge.client import client, interruptible_loop, local_stream, stream
-from joybridge.client.client import (
-    CALL_SECONDS,
-    Session,
-    SimulatorError,
-    SimulatorLost,
-    Transport,
-    describe,
-    wait_for,
-)
+from joybridge.client.calls import CALL_SECONDS
+from joybridge.client.client import Session, SimulatorError, SimulatorLost, Transport, describe, wait_for
 from joybridge.client.errors import SimulatorShutDown
 from joybridge.client.launch import simulator_process
 from joybridge.contract.versions import own_version

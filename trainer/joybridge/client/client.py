@@ -4,9 +4,7 @@ All functions block. The event loop of the sessions runs inside them (see interr
 simulator that demands TLS or a token is a ProtectedAddress.
 """
 
-import asyncio
 import logging
-import math
 import socket
 import time
 import weakref
@@ -16,88 +14,33 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeAlias, TypeVar, TypeVarTuple
 
-import grpc
 import numpy as np
-from google.protobuf.message import Message
 
+from joybridge.client.calls import CALL_SECONDS, describe, description_of, list_games, wait_for
 from joybridge.client.demonstration_log import DemonstrationLog
-from joybridge.client.errors import SimulatorError, SimulatorLost, SimulatorShutDown, from_grpc
+from joybridge.client.errors import SimulatorError, SimulatorLost, SimulatorShutDown
 from joybridge.client.fault_log import FaultLog
 from joybridge.client.interruptible_loop import EVENT_LOOP
 from joybridge.client.local_stream import LocalStream
-from joybridge.client.reachability import why_unreachable
-from joybridge.client.responses import Outcome, Reader, parse
-from joybridge.client.stream import SERVICE, ClientStream
+from joybridge.client.responses import Outcome, Reader
+from joybridge.client.stream import ClientStream
 from joybridge.contract.address import is_local
 from joybridge.contract.codec import ActArrays, StepArrays, fill_act
-from joybridge.contract.credentials import credentials_of
 from joybridge.contract.limits import max_pictures, response_bytes
-from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.tensors import Array
 from joybridge.contract.text import printable
-from joybridge.contract.versions import client_version, mismatch
+from joybridge.contract.versions import client_version
 from joybridge.v1 import bridge_pb2 as pb
 
 __all__ = ["Session", "SimulatorError", "SimulatorLost", "describe", "list_games", "wait_for"]
 
 log = logging.getLogger("joybridge.trainer")
 
-_OFTEN = [("grpc.max_reconnect_backoff_ms", 1000)]  # tries to connect; by default the pauses grow to two minutes
-CALL_SECONDS = 30.0  # to wait for an answer, by default
 Distributions: TypeAlias = Mapping[str, pb.Distribution]
 Transport: TypeAlias = Literal["auto", "local", "grpc"]
 
 Arguments = TypeVarTuple("Arguments")
 T = TypeVar("T")
-M = TypeVar("M", bound=Message)
-
-
-def wait_for(address: str, seconds: float, say: Callable[[str], None]) -> None:
-    """Wait until a simulator can be reached at an address. Raises SimulatorLost after so many seconds.
-
-    say: called after each second with what is waited for.
-    """
-    try:
-        EVENT_LOOP.run(_connect, address, seconds, say)
-    except TimeoutError:
-        raise SimulatorLost(
-            f"no simulator at {address} after {seconds:g} s: {why_unreachable(address)}; start one there with "
-            f"`joybridge serve --address {address}`, or check the address"
-        ) from None
-
-
-def list_games(address: str) -> list[str]:
-    """Return the names of a simulator's games. Raises SimulatorError."""
-    try:
-        request = pb.ListGamesRequest(version=client_version())
-        response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse)
-    except grpc.RpcError as error:
-        raise from_grpc(error, address) from error
-    return [game.name for game in response.games]
-
-
-def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:
-    """Return the spec of a game with some options.
-
-    Raises SimulatorError if the simulator refuses, sends a spec that breaks the contract, or has an older revision of
-    the contract than this client.
-    """
-    return _describe(address, game, options).spec
-
-
-def _describe(address: str, game: str, options: Mapping[str, str]) -> pb.DescribeGameResponse:
-    """Return a checked spec with the version of the simulator. Raises SimulatorError as `describe` does."""
-    request = pb.DescribeGameRequest(game=game, options=options, version=client_version())
-    try:
-        response = EVENT_LOOP.run(_call, address, "DescribeGame", request, pb.DescribeGameResponse)
-        if text := mismatch(client_version(), response.version):
-            raise SimulatorError(f"{address}: {text}")
-        check_spec(response.spec)
-    except grpc.RpcError as error:
-        raise from_grpc(error, address) from error
-    except SpecError as error:
-        raise SimulatorError(f"the simulator at {address} sent a spec that breaks the contract: {error}") from error
-    return response
 
 
 class Session:
@@ -132,7 +75,7 @@ class Session:
         """
         self.address = address
         self.arenas = arenas
-        described = _describe(address, game, options or {})
+        described = description_of(address, game, options or {})
         self.spec = described.spec
         self.simulate_seconds = 0.0
         self.waited = 0.0  # seconds in `receive`
@@ -348,27 +291,3 @@ class Session:
 
 async def _open_local(stream: ClientStream, reader: Reader, path: str, largest: int) -> LocalStream:
     return LocalStream(stream, reader, path, largest)
-
-
-async def _connect(address: str, seconds: float, say: Callable[[str], None]) -> None:
-    """Connect once. Raises TimeoutError."""
-    limit = time.monotonic() + seconds
-    async with credentials_of(address).aio_channel(address, _OFTEN) as channel:
-        ready = asyncio.ensure_future(channel.channel_ready())
-        try:
-            while not (await asyncio.wait([ready], timeout=min(1.0, max(0.0, limit - time.monotonic()))))[0]:
-                if (left := limit - time.monotonic()) <= 0.0:
-                    raise TimeoutError
-                say(f"waiting for a simulator at {address}, {math.ceil(left)} s more: {why_unreachable(address)}")
-            await ready
-        finally:
-            ready.cancel()
-
-
-async def _call(address: str, method: str, request: Message, response: type[M]) -> M:
-    """Call a method and return its response. Raises grpc.RpcError and SimulatorError."""
-    credentials = credentials_of(address)
-    async with credentials.aio_channel(address) as channel:
-        call = channel.unary_unary(f"/{SERVICE}/{method}", type(request).SerializeToString)
-        data = await call(request, timeout=CALL_SECONDS, metadata=credentials.metadata)
-    return parse(response, data, address)

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import Protocol
 
-from joybridge.client.client import CALL_SECONDS, Distributions, Session, Transport
+from joybridge.client.calls import CALL_SECONDS
+from joybridge.client.client import Distributions, Session, Transport
 from joybridge.client.errors import SimulatorError
 from joybridge.config.config import Config
 from joybridge.config.game_settings import drawn, fixed

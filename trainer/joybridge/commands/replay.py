@@ -8,7 +8,8 @@ import argparse
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from joybridge.client.client import CALL_SECONDS, Session
+from joybridge.client.calls import CALL_SECONDS
+from joybridge.client.client import Session
 from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
