@@ -45,7 +45,8 @@ from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from joybridge.viewer.play import main as viewer
 from joybridge.viewer.watch import main as watch
-from tests.support.games import PICTURE, Hybrid
+from tests.support.faulty_game import PICTURE
+from tests.support.games import Hybrid
 from tests.support.servers import Server, end, server
 from tests.support.wire import SECONDS, Stream, act, start
 

@@ -26,7 +26,8 @@ from joybridge.games import BUILT_IN
 from joybridge.simulator.catalog import CatalogError, load_games
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
-from tests.support.games import FAULTS, PICTURE, PLACES
+from tests.support.faulty_game import FAULTS, PICTURE
+from tests.support.games import PLACES
 from tests.support.measured import measured
 from tests.support.servers import ROOT, end, games, refuses_to_start, server
 from tests.support.wire import SAVE, SECONDS, Player, Stream, act, describe, refused, reset, start

@@ -22,7 +22,7 @@ from joybridge.client.client import Session
 from joybridge.contract.codec import ActArrays
 from joybridge.viewer import web
 from joybridge.viewer.simulator import Simulator
-from tests.support.games import PICTURE
+from tests.support.faulty_game import PICTURE
 from tests.support.viewer_pages import Page, website
 from tests.support.wire import SECONDS
 from tools.chaos.process import wait_until
