@@ -12,7 +12,7 @@ from typing import Any
 
 from joybridge.compare.launch import seed_words
 from joybridge.compare.names import file_name, page_mark
-from joybridge.compare.page_parts import PICTURES, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table
 from joybridge.compare.page_settings import own_settings
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.suites import SUITES, Task
@@ -76,15 +76,16 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
     """
     suite = SUITES[name]
     found = {task: data for task, each in suite.tasks.items() if (data := _numbers(folder / task, each)) is not None}
-    labels = list(dict.fromkeys(each["label"] for data in found.values() for each in data["variants"]))
     metrics = sorted({f"*{suite.tasks[task].metric}*" for task in found})
-    heads = ["task", "timesteps", *([suite.aims] if suite.aims else []), *labels]
+    heads = ["task", "timesteps", "settings", *([suite.aims] if suite.aims else [])]
     rows = []
     for task, data in found.items():
-        aim = [suite.tasks[task].aim] if suite.aims else []
         scored = f", *{suite.tasks[task].metric}*" if len(metrics) > 1 else ""
-        rows.append([f"{task}{scored}", f"{_timesteps(data):,}", *aim, *_cells(data, labels, _score_cell)])
-    costs = [[task, _settings(folder / task), *_cells(data, labels, _seconds_cell)] for task, data in found.items()]
+        aim = [suite.tasks[task].aim] if suite.aims else []
+        cells = [f"{task}{scored}", f"{_timesteps(data):,}", _settings(folder / task), *aim]
+        for variant in data["variants"]:
+            rows.append([*cells, *_row(variant, data["wall_clock"][variant["label"]])])
+            cells = [""] * len(cells)
     lines = {task: _lines(folder / task, data, suite.tasks[task].metric) for task, data in found.items()}
     drawn = draw_themes({TIMES: partial(draw_times, lines)}, folder / PICTURES, figures)
     notes = [f"- {task}: {reason}" for task, reason in missing.items()]
@@ -92,14 +93,12 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
         f"# The suite {name}",
         f"The mean {' or '.join(metrics)} of the episodes that each run's policy plays at the end, with the most "
         "probable actions and without learning: the interquartile mean over seeds (of three or fewer, the mean), with "
-        "its 95 % interval, and below it the score of each seed.",
-        table(heads, rows),
+        "its 95 % interval, and the score of each seed. Settings are the keys that differ from the preset, or from our "
+        "defaults without one. Seconds are the mean wall-clock time of a training, beside whatever else the machine "
+        "did.",
+        table([*heads, "variant", "score", "of each seed", "seconds"], rows),
         *(["These tasks are missing:\n\n" + "\n".join(notes)] if notes else []),
         "Each task has a page of its own, with curves and tests, in the folder of its name.",
-        "## What it took",
-        "Settings are the keys that differ from the preset, or from our defaults without one. Seconds are the mean "
-        "wall-clock time of a training, beside whatever else the machine did.",
-        table(["task", "settings", *labels], costs),
         picture_block(TIMES, "Each run: the score of its episodes in training, with sampled actions, over seconds"),
         f"## Again\n\n```sh\n{command}\n```",
     ]
@@ -142,20 +141,13 @@ def _lines(folder: Path, data: dict[str, Any], metric: str) -> list[Line]:
     return sorted(lines, key=lambda line: [*labels.values()].index(line.label))  # as in the table
 
 
-def _cells(data: dict[str, Any], labels: list[str], cell: Callable[[dict[str, Any], dict[str, Any]], str]) -> list[str]:
-    """Return a cell for each label, from the numbers of its variant and its times."""
-    variants = {each["label"]: each for each in data["variants"]}
-    return [cell(variants[label], data["wall_clock"][label]) if label in variants else "–" for label in labels]
-
-
-def _score_cell(variant: dict[str, Any], _: dict[str, Any]) -> str:
-    """Return the mean with its interval, and the score of each seed."""
-    iqm = variant["iqm"]
+def _row(variant: dict[str, Any], times: dict[str, Any]) -> list[str]:
+    """Return a variant's label, its mean with its interval, the score of each seed, and the mean seconds of a run."""
+    iqm, seconds = variant["iqm"], [each for each in times["seconds"] if each is not None]
     digits = 3 if abs(iqm["value"]) < 10 else 1
-    scores = ", ".join(f"{score:.{digits}f}" for score in variant["scores"])
-    return f"**{iqm['value']:.{digits}f}** [{iqm['low']:.{digits}f}, {iqm['high']:.{digits}f}]<br>{scores}"
-
-
-def _seconds_cell(_: dict[str, Any], times: dict[str, Any]) -> str:
-    seconds = [each for each in times["seconds"] if each is not None]
-    return f"{mean(seconds):.0f}" if seconds else "–"
+    return [
+        escaped(variant["label"]),
+        f"**{iqm['value']:.{digits}f}** [{iqm['low']:.{digits}f}, {iqm['high']:.{digits}f}]",
+        ", ".join(f"{score:.{digits}f}" for score in variant["scores"]),
+        f"{mean(seconds):.0f}" if seconds else "–",
+    ]
