@@ -74,7 +74,7 @@ def test_a_page_has_a_row_for_each_variant_and_says_what_is_missing(tmp_path):
         write_suite("hybrid", tmp_path, "", {})
 
 
-def test_ours_and_another_trainer_are_below_each_other(tmp_path):
+def test_ours_and_another_trainer_are_on_one_page(tmp_path):
     words = "compare", "--suite", "classic", "--tasks", "cartpole", "--seeds", "1", "--output", str(tmp_path)
     status, _, errors = joybridge(*words, *TINY)
     assert status == 0, errors

@@ -98,15 +98,15 @@ def masks(behavior: BehaviorFormat, timesteps: Rows) -> list[Array] | None:
 def metrics(behavior: BehaviorFormat, ends: Rows) -> Array | None:
     """Return the metrics of episodes that have ended, float32 [rows, metrics]; None: the behavior has none."""
     names = behavior.metrics
-    metrics = np.empty((len(ends), len(names)), np.float32)
+    values = np.empty((len(ends), len(names)), np.float32)
     for row, (arena, timestep) in enumerate(ends):
         try:
             _require_known(f"{behavior.name}: metric", timestep.metrics, names)
-            metrics[row] = [timestep.metrics.get(name, 0.0) for name in names]
+            values[row] = [timestep.metrics.get(name, 0.0) for name in names]
         except BaseException as error:
             raise arena_error(arena, error) from error
-    require_finite(f"{behavior.name}: a metric of {names}", metrics, ends)
-    return metrics if names else None
+    require_finite(f"{behavior.name}: a metric of {names}", values, ends)
+    return values if names else None
 
 
 def arena_error(arena: int, error: BaseException) -> ArenaError:

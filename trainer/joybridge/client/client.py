@@ -1,4 +1,4 @@
-"""A trainer's client of joybridge.v1: find a simulator, read a game's spec, play a session.
+"""A trainer's client of joybridge.v1: sessions, and from `calls.py` what finds a simulator and reads a game's spec.
 
 All functions block. The event loop of the sessions runs inside them (see interruptible_loop.py). The address of a
 simulator that demands TLS or a token is a ProtectedAddress.

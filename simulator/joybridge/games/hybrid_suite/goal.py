@@ -81,6 +81,10 @@ class Goal(SuiteGame):
     )
     arena_dtype: ClassVar[np.dtype[np.void]] = s.ARENA
     parameters, sensors = PARAMETERS, SENSORS
+    channels: ClassVar[list[pb.RewardChannel]] = [
+        channel("goal", description="50 for a goal"),
+        channel("miss", description="minus the distance of the ball from the goal, at the end without one"),
+    ]
 
     @classmethod
     def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
@@ -91,10 +95,7 @@ class Goal(SuiteGame):
             sensors=SENSORS,
             axes=[*KICK_AXES, *cls.shot_axes()],
             branches=[branch("act", cls.actions())],
-            channels=[
-                channel("goal", description="50 for a goal"),
-                channel("miss", description="minus the distance of the ball from the goal, at the end without one"),
-            ],
+            channels=cls.channels,
             metrics=METRICS,
         )
         return spec(
@@ -147,8 +148,8 @@ class Goal(SuiteGame):
         while s.advance(self.arenas, self.streams, self.rules, action, x, y, rewards):
             reserve(self.streams, s.MAX_TICK_DRAWS)
 
-    def channels(self, rewards: Array) -> Array:
-        """Return the rewards by channel: what is paid for goals, and for misses."""
+    def by_channel(self, rewards: Array) -> Array:
+        """Return what is paid for goals, and for misses."""
         return np.stack([np.maximum(rewards, 0.0), np.minimum(rewards, 0.0)], axis=1).astype(np.float32)
 
     def distance(self) -> Array:

@@ -29,6 +29,7 @@ class SuiteGame(RecordGame):
     """Many arenas of one task. Their records begin with the fields of `COMMON`."""
 
     version = "1"
+    channels: ClassVar[list[pb.RewardChannel]] = CHANNELS
     parameters: ClassVar[list[pb.Parameter]] = []
     sensors: ClassVar[list[pb.Sensor]]
 
@@ -36,7 +37,7 @@ class SuiteGame(RecordGame):
     def decide(self, act: ActArrays, rewards: Array) -> None:
         """Advance every arena by one decision: write its reward, float64 [arenas], and its outcome."""
 
-    def channels(self, rewards: Array) -> Array:
+    def by_channel(self, rewards: Array) -> Array:
         """Return the rewards of a decision by channel, float32 [arenas, channels]; their sum is the task's."""
         return rewards.astype(np.float32)[:, None]
 
@@ -67,7 +68,7 @@ class SuiteGame(RecordGame):
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""
-        return [quiet_step(self.observations(), self.channels(np.zeros(len(self.arenas))).shape[1])]
+        return [quiet_step(self.observations(), len(self.channels))]
 
     def observations(self) -> list[Array]:
         """Return the current observations, float32 [arenas, *shape] per sensor."""
@@ -81,7 +82,7 @@ class SuiteGame(RecordGame):
         rewards = np.zeros(len(self.arenas))
         self.decide(act, rewards)
         observations, outcome = self.observations(), self.fields["outcome"]
-        step = StepArrays(observations, self.channels(rewards), outcome == TERMINATED, outcome == TRUNCATED)
+        step = StepArrays(observations, self.by_channel(rewards), outcome == TERMINATED, outcome == TRUNCATED)
         ends = outcome != GOING
         if ends.any():
             step.ended = np.flatnonzero(ends).astype(np.int32)
