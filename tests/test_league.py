@@ -11,16 +11,17 @@ from joybridge.config.config import Config, OpponentsConfig, make_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.config.policy_config import PolicyConfig
-from joybridge.play.tournament import find_trained, load_actors
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.policy.seats import Result
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.collect import collect, group_bounds, open_groups
 from joybridge.run.league import League
+from joybridge.run.others import load_other
 from joybridge.run.pool import sampling_weights
 from joybridge.run.profiler import Profiler
 from joybridge.run.train import train
+from joybridge.run.trained import find_trained, load_actors
 
 SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=64)
 PAST = OpponentsConfig(shares={"past": 3, "learner": 1}, at_once=2, pool_updates=2, pool_size=3)
@@ -195,9 +196,16 @@ def test_past_policies_of_a_run_are_rated_beside_its_checkpoints(simulator, tmp_
     players = find_trained(tmp_path / "run", 9)
     assert [one.timesteps for one in players] == sorted({*arrays["league/pool"][:, 1].tolist(), manifest.timesteps})
     number = int(arrays["league/pool"][1, 0])
-    (actor,) = load_actors(players[1], NOUGHTS, describe(simulator, "noughts", {}))
+    spec = describe(simulator, "noughts", {})
+    (actor,), (named,) = (
+        load_actors(players[1], NOUGHTS, spec),
+        load_other(f"{tmp_path}/run@{players[1].timesteps}", "noughts", spec),
+    )
     state = actor.state()
     assert state and all((arrays[f"league/policies.{number}.player.{name}"] == state[name]).all() for name in state)
+    assert all((named.state()[name] == state[name]).all() for name in state)
+    with pytest.raises(CheckpointError, match=r"run has no policy of 7 timesteps, only of [0-9, ]+; name one of them"):
+        load_other(f"{tmp_path}/run@7", "noughts", spec)
 
 
 def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):

@@ -66,8 +66,8 @@ def add_others(command: argparse.ArgumentParser) -> None:
         default=[],
         metavar="WHO",
         help="who holds all seats but one of each arena, in a game of several agents: the folder of a run, "
-        "script:NAME, a script of the game's author, or an exported policy.json; given several times, they take "
-        "seats in turn",
+        "RUN@TIMESTEPS, script:NAME, a script of the game's author, or an exported policy.json; given several times, "
+        "they take seats in turn",
     )
 
 

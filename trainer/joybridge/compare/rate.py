@@ -57,7 +57,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         action="append",
         default=[],
         metavar="WHO",
-        help="another player: script:NAME, a script of the game's author, or an exported policy.json; may be repeated",
+        help="another player: script:NAME, a script of the game's author, an exported policy.json, or RUN@TIMESTEPS; "
+        "may be repeated",
     )
     rates.add_argument(
         "--seed", type=at_least(0), default=1, help="seed of games, seats and samples; default %(default)s"
@@ -97,9 +98,10 @@ def rate_runs(options: argparse.Namespace) -> None:
     )
     with open_simulators(simulators, options.wait, say) as connect:
         address = connect()[0]
-        from joybridge.play.tournament import find_trained, load_actors, play_tournament
+        from joybridge.play.tournament import play_tournament
         from joybridge.policy.config_fit import fitting_spec
         from joybridge.run.others import load_other
+        from joybridge.run.trained import find_trained, load_actors
 
         spec = fitting_spec(address, config)
         agents = sum(behavior.agents_per_arena for behavior in spec.behaviors)

@@ -52,7 +52,9 @@ class OpponentsConfig(Checked):
     pool_size: int = Field(
         20, ge=1, le=1000, description="past policies that are kept, spread evenly over the training"
     )
-    at_once: int = Field(4, ge=1, description="past policies that are drawn for the matches until the next update")
+    at_once: int = Field(
+        4, ge=1, description="past policies that are drawn for the matches until the pool takes the next one"
+    )
     pool_updates: int = Field(20, ge=1, description="updates after which a policy is added to them")
 
     @field_validator("shares")

@@ -2,64 +2,22 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from joybridge.client.sharded_session import session_spec
 from joybridge.config.config import Config
-from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
-from joybridge.policy.actor import Actor, make_actors, trained_actors
+from joybridge.policy.actor import Actor
 from joybridge.policy.config_fit import fitting_spec
 from joybridge.policy.players import Players
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Guest, Table
 from joybridge.ppo.threads import use_one_thread
 from joybridge.progress import Progress
-from joybridge.run.checkpoint import NO_CHECKPOINT, checkpoints, read_checkpoint
-from joybridge.run.pool import load_pooled, pooled, thinned
-from joybridge.v1 import bridge_pb2 as pb
 
 MAX_ARENAS = 64
 DEALS = 2**61  # plus the number of an arena: the second word of the key of who plays its matches
-
-
-class Trained(NamedTuple):
-    """What a run had learned after so many timesteps: what takes part in a tournament."""
-
-    run: Path
-    timesteps: int
-    checkpoint: Path  # its folder
-    number: int | None = None  # in its pool of opponents; None: it is what the checkpoint has learned
-
-
-def find_trained(run: Path, limit: int) -> list[Trained]:
-    """Return at most `limit` policies of a run, evenly chosen from its checkpoints and its pool of opponents.
-
-    The last checkpoint is among them. Raises CheckpointError, and ConfigError if there is none.
-    """
-    folders = checkpoints(run)
-    if not folders:
-        raise ConfigError(f"{run} {NO_CHECKPOINT}")
-    past = pooled(read_checkpoint(folders[-1])[0])
-    found = {timesteps: Trained(run, timesteps, folders[-1], number) for number, timesteps in past.items()}
-    found |= {int(folder.name): Trained(run, int(folder.name), folder) for folder in folders}
-    return [found[timesteps] for timesteps in thinned([*found], limit)]
-
-
-def load_actors(trained: Trained, config: Config, spec: pb.GameSpec) -> list[Actor]:
-    """Return the actors of what was learned, of the run with this configuration.
-
-    Raises CheckpointError and ConfigError.
-    """
-    arrays, _ = read_checkpoint(trained.checkpoint)
-    if trained.number is None:
-        return trained_actors(config, spec, arrays)
-    actors = make_actors(config, spec)
-    load_pooled(actors, arrays, trained.number)
-    return actors
 
 
 def play_tournament(

@@ -94,7 +94,7 @@ class League:
                 self._others[name] = number = len(self._actors) + 1
                 self._join(number, load_other(name, config.game, spec))
         self._next = len(self._actors) + 1
-        self._roster: list[int] = []  # who of the pool plays in the matches that begin before the next update
+        self._roster: list[int] = []  # who of the pool plays in the matches that begin before it grows
         self._updates = -1  # of the learner when that was drawn
 
     def draw(self, arena: int) -> Array:
@@ -133,15 +133,16 @@ class League:
             self._results[number] = before * (1 - 1 / MEMORY) + [ahead, 1.0]
 
     def renew(self, timesteps: int, updates: int, actors: Sequence[Actor]) -> None:
-        """After an update: take the learner's actors into the pool if it is time, and draw who of the pool plays now.
+        """After an update, if it is time: take the learner's actors into the pool, and draw who of it plays now.
 
         timesteps, updates: after which it is as it is.
         """
         if updates == self._updates or not self._keys.shares.get(PAST):
             return
         self._updates = updates
-        if updates % self._keys.pool_updates == 0:
-            self._grow(timesteps, actors)
+        if updates % self._keys.pool_updates:  # a new draw after each update would soon let the whole pool play
+            return
+        self._grow(timesteps, actors)
         weights = sampling_weights([self._ahead(number) for number in self._pool], self._keys.sampling)
         rng = np.random.Generator(np.random.Philox(key=[self._config.seed, ROSTERS], counter=[0, 0, 0, updates]))
         self._roster = rng.choice([*self._pool], self._keys.at_once, p=weights).tolist()

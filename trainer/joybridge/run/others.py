@@ -1,7 +1,7 @@
 """Who may hold seats beside a policy, by name.
 
 `script:NAME` is a script of the game's author, FILE.json or FILE.onnx an exported policy, anything else the folder of a
-run.
+run, RUN@TIMESTEPS what that run had learned after so many timesteps.
 """
 
 from collections.abc import Sequence
@@ -15,14 +15,18 @@ from joybridge.policy.scripted import find_scripts
 from joybridge.policy.table import Guest, Table
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import run_config
+from joybridge.run.trained import load_actors, trained_after
 from joybridge.v1 import bridge_pb2 as pb
 
 SCRIPT, FILES = "script:", (".json", ".onnx")
 
 
-def is_run(name: str) -> bool:
-    """Return whether a name is that of the folder of a run."""
-    return not name.startswith(SCRIPT) and not name.endswith(FILES)
+def run_of(name: str) -> Path | None:
+    """Return the folder of the run that a name names, None if it names something else."""
+    if name.startswith(SCRIPT) or name.endswith(FILES):
+        return None
+    run, _ = _run_and_timesteps(name)
+    return run
 
 
 def seat_others(names: Sequence[str], game: str, spec: pb.GameSpec, arenas: int, seed: int) -> Table:
@@ -47,12 +51,23 @@ def load_other(name: str, game: str, spec: pb.GameSpec) -> Sequence[Actor | Gues
     """
     if name.startswith(SCRIPT):
         return find_scripts(spec, name.removeprefix(SCRIPT))
-    if not is_run(name):
+    if name.endswith(FILES):
         return [_load_file(Path(name), spec)]
-    other = run_config(run := Path(name))
+    run, timesteps = _run_and_timesteps(name)
+    other = run_config(run)
     if other.game != game:
         raise ConfigError(f"opponents: {run} plays {other.game}, expected {game}; name a run of this game")
+    if timesteps is not None:
+        return load_actors(trained_after(run, timesteps), other, spec)
     return trained_actors(other, spec, load_checkpoint(run)[0])
+
+
+def _run_and_timesteps(name: str) -> tuple[Path, int | None]:
+    """Return the folder of a run, and after how many timesteps; None: its newest checkpoint."""
+    run, _, timesteps = name.rpartition("@")
+    if run and timesteps.isdecimal() and not Path(name).exists():
+        return Path(run), int(timesteps)
+    return Path(name), None
 
 
 def _load_file(file: Path, spec: pb.GameSpec) -> Guest:

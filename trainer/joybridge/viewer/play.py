@@ -186,7 +186,7 @@ def _what(options: argparse.Namespace, game: str, settings: "Settings") -> "tupl
     if not any(given.values()):
         return what, settings
     try:
-        from joybridge.run.others import is_run
+        from joybridge.run.others import run_of
         from joybridge.viewer.run_opponent import load_others, open_rival, rate_people, run_settings
     except ModuleNotFoundError as error:
         used = " and ".join(argument for argument, names in given.items() if names)
@@ -194,8 +194,8 @@ def _what(options: argparse.Namespace, game: str, settings: "Settings") -> "tupl
             f"{used}: needs the module {error.name}; install it with `pip install 'joybridge[train]'`"
         ) from None
     for argument in ("--against", "--others"):
-        for run in filter(is_run, given[argument]):
-            settings = run_settings(argument, Path(run), game, settings)
+        for run in filter(None, map(run_of, given[argument])):
+            settings = run_settings(argument, run, game, settings)
     what = replace(
         what,
         against=partial(open_rival, options.against) if against else None,

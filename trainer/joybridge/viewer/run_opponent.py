@@ -16,7 +16,7 @@ from joybridge.policy.players import Players
 from joybridge.policy.table import Table
 from joybridge.run.checkpoint import checkpoints
 from joybridge.run.folder import play_config
-from joybridge.run.others import is_run, load_other
+from joybridge.run.others import load_other, run_of
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.rated import RatedMatches
@@ -56,7 +56,7 @@ def load_others(names: Sequence[str], game: str, spec: pb.GameSpec, settings: Se
     names: see `load_other`; the first run among them says what limits their hands. spec: of the game under these
     settings. Raises CheckpointError and ConfigError.
     """
-    runs = [Path(name) for name in names if is_run(name)]
+    runs = [run for name in names if (run := run_of(name))]
     settled = {"game": game, "options": settings.options, "parameters": settings.parameters}
     config = play_config(runs[0], _overrides(settings)) if runs else make_config(settled)
     players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)
@@ -72,7 +72,7 @@ def rate_people(names: Sequence[str], people: Sequence[str], spec: pb.GameSpec) 
 
     It is in the folder `rating` of the first run among them, or of the current folder.
     """
-    folder = next((Path(name) for name in names if is_run(name)), Path()) / "rating"
+    folder = next((run for name in names if (run := run_of(name))), Path()) / "rating"
     called = [rated_name(name) for name in names] or [""]  # without others, people hold all seats
     seats = sum(lane_count(behavior, 1) for behavior in spec.behaviors)
     return RatedMatches(folder, spec, [called[seat % len(called)] for seat in range(seats)], people)
@@ -80,7 +80,10 @@ def rate_people(names: Sequence[str], people: Sequence[str], spec: pb.GameSpec) 
 
 def rated_name(name: str) -> str:
     """Return how `joybridge rate` calls somebody of this name."""
-    return f"{Path(name).name}@{int(checkpoints(Path(name))[-1].name)}" if is_run(name) else name
+    run = run_of(name)
+    if run is None:
+        return name
+    return f"{run.name}@{int(checkpoints(run)[-1].name)}" if run == Path(name) else Path(name).name
 
 
 def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Settings:
