@@ -1,7 +1,8 @@
-"""Scripted experts of the small games: record them, clone them under several layouts, and compare the scores.
+"""Scripted experts of some games: record them, clone them under several layouts, and compare the scores.
 
 python -m tools.experts runs/experts                    # all games and layouts; prints a table
 python -m tools.experts runs/experts --games archer --layouts hybrid bucket-11
+python -m tools.experts runs/experts --games beastly_rivals_full --layouts       # demonstrations alone
 """
 
 import argparse
@@ -27,8 +28,16 @@ from joybridge.run.train import train
 
 ARENAS = 20
 EPISODES = 200  # that are recorded, and that a clone is measured with
-WRONG = 0.3  # how often a random move comes before an expert's in `noughts`; it is not demonstrated
-SCORES = {"archer": "reward", "marble": "reward", "orchard": "reward", "noughts": "sound"}
+LEAD = 0.125  # ways of a pointer that a player walks at full speed: it is where the rival will be
+WRONG = 0.3  # how often a random action comes before an expert's in the games below; it is not demonstrated
+DISTURBED = ("noughts", "beastly_rivals_full")  # whose experts alone would not show how to find back
+SCORES = {
+    "archer": "reward",
+    "marble": "reward",
+    "orchard": "reward",
+    "noughts": "sound",
+    "beastly_rivals_full": "passes",
+}
 LAYOUTS = ("hybrid", "bucket-11", "threshold-0.0", "multiagent")
 TRAINING = ("total_timesteps=60000", "log_interval=20000", "policy.epochs=20", "policy.hidden_sizes=[64,64]")
 
@@ -71,6 +80,14 @@ def noughts_expert(step: StepArrays, act: ActArrays) -> None:
         act.choices[lane, 0] = max(free, key=lambda field: -noughts.outcome(other, own | 1 << field))
 
 
+def match_expert(step: StepArrays, act: ActArrays) -> None:
+    """Follow the rival that is nearest to the pointer, and click on it as soon as the ball is there."""
+    own, pointer, rivals, *_ = step.observations
+    nearest, holds = rivals[:, 0], (own[:, 8] == 1) & (own[:, 10] == 0) & (own[:, 11] == 0)
+    act.axes[:] = np.clip(nearest[:, 15:17] + LEAD * nearest[:, 4:6], -1, 1)
+    act.choices[:, 0] = holds & (pointer[:, 5] == 1)
+
+
 def _bits(marks: np.ndarray) -> int:
     return sum(1 << int(field) for field in np.flatnonzero(marks))
 
@@ -80,14 +97,16 @@ EXPERTS: dict[str, Expert] = {
     "marble": marble_expert,
     "orchard": orchard_expert,
     "noughts": noughts_expert,
+    "beastly_rivals_full": match_expert,
 }
 
 
 def record(game: str, address: str, folder: Path, seed: int = 1) -> float:
     """Record EPISODES episodes of a game's expert in a folder; return its score, of those without random moves."""
     expert, rng = EXPERTS[game], np.random.default_rng(seed)
-    for wrong in (WRONG, 0.0) if game == "noughts" else (0.0,):
-        with Session(address, game, arenas=ARENAS, seed=seed) as session:
+    for wrong in (WRONG, 0.0) if game in DISTURBED else (0.0,):
+        options = load_config(find_config(f"{game}/hybrid")).options
+        with Session(address, game, arenas=ARENAS, seed=seed, options=options) as session:
             demonstration = session.record_demonstration(folder)
             (behavior,) = session.spec.behaviors
             encoder = ObservationEncoder(game, behavior, None, {})
@@ -97,9 +116,10 @@ def record(game: str, address: str, folder: Path, seed: int = 1) -> float:
                 (step,) = session.steps
                 expert(step, acts[0])
                 random = rng.random(len(acts[0].choices)) < wrong
+                acts[0].axes[random] = rng.uniform(-1, 1, acts[0].axes[random].shape)
                 for lane in np.flatnonzero(random & (step.deciding if step.deciding is not None else True)):
-                    assert step.masks is not None
-                    acts[0].choices[lane, 0] = rng.choice(np.flatnonzero(step.masks[0][lane]))
+                    if step.masks is not None:
+                        acts[0].choices[lane, 0] = rng.choice(np.flatnonzero(step.masks[0][lane]))
                 demonstration.hold([np.flatnonzero(~random).tolist()] if wrong else None)
                 (after,) = session.step(acts)
                 table.add(after, encoder.rewards(after))
@@ -120,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m tools.experts")
     parser.add_argument("folder", type=Path, help="for demonstrations and runs")
     parser.add_argument("--games", nargs="+", choices=EXPERTS, default=list(EXPERTS))
-    parser.add_argument("--layouts", nargs="+", default=LAYOUTS)
+    parser.add_argument("--layouts", nargs="*", default=LAYOUTS, help="of clones; none: demonstrations alone")
     options = parser.parse_args(arguments)
     print("| game | expert |", " | ".join(options.layouts), "|", flush=True)
     with simulator_process() as address:

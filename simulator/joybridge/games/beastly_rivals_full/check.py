@@ -39,7 +39,7 @@ def _range(name: str, dtype: np.dtype[np.generic], rules: Rules) -> tuple[float,
         return 0, 1
     if name in ("carrier", "target", "last", "victim", "pass_to", "throw_to"):
         return -1, rules.players - 1
-    if name in ("slots", "seat"):
+    if name == "seat":
         return 0, 7
     if name == "phase":
         return 0, OVER - 1

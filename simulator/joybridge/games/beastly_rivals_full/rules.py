@@ -31,8 +31,8 @@ REVIVAL_X, REVIVAL_Z = 45, 40  # players are revived at whole numbers from minus
 SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT = range(CHANNELS)
 SURVIVAL_REWARD = 0.01  # per tick
 
-# Random numbers that one arena draws per call at most: seats and orders of slots; then those of one revival.
-MAX_DRAWS = (MAX_PLAYERS - 1) + MAX_PLAYERS * (MAX_PLAYERS - 2) + 3
+# Random numbers that one arena draws per call at most: seats, then those of one revival.
+MAX_DRAWS = (MAX_PLAYERS - 1) + 3
 
 
 @compiled
@@ -64,9 +64,6 @@ def begin_episode(arena, streams, i, rules):
         player.x, player.z = SEATS[seat, 0], SEATS[seat, 1]
         player.pointer_x, player.pointer_z = player.x, player.z
         player.fx, player.fz = unit(-player.x, -player.z, 0.0, 1.0)
-        for k in range(rules.players - 1):
-            player.slots[k] = k if k < j else k + 1
-        _shuffle(player.slots, rules.players - 1, streams, i)
 
 
 @compiled

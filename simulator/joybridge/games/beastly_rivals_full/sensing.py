@@ -1,12 +1,17 @@
 """What each agent observes: itself, its pointer, its rivals, the beast, the ball and the match.
 
-Rivals are in slots, in an order that is random for each agent and match: the index of a slot means nothing, but a rival
-keeps its slot. The slot of a rival that is out holds zeros.
+The living rivals come first, and the nearest to the pointer before the others: who is pointed at, or nearly, is always
+in the same place, whatever its number. A rival that is out is zeros.
 """
+
+import math
+
+import numpy as np
 
 from joybridge.games.beastly_rivals_full.ball import ABOVE, HANDS, SPEED_LIMIT
 from joybridge.games.beastly_rivals_full.beast import SPEED_LIMIT as BEAST_SPEED
 from joybridge.games.beastly_rivals_full.beast import TURNING_LIMIT
+from joybridge.games.beastly_rivals_full.geometry import length
 from joybridge.games.beastly_rivals_full.players import under
 from joybridge.games.beastly_rivals_full.rules import POINTER_X, TOP_SPEED
 from joybridge.games.beastly_rivals_full.state import (
@@ -17,8 +22,10 @@ from joybridge.games.beastly_rivals_full.state import (
     DECISION_TICKS,
     HUNT,
     MAX_DECISIONS,
+    MAX_PLAYERS,
     PLAYER_SPEED,
     START,
+    TICK,
     WIND_UP,
 )
 from joybridge.simulator import sensor
@@ -28,6 +35,8 @@ from joybridge.v1 import bridge_pb2 as pb
 PLACE_UNIT = POINTER_X  # units; of all positions
 KILLS_UNIT, CHARGE_UNIT, PHASE_TICKS = 10.0, 15.0, 300.0
 BALL_TOP = HANDS + ABOVE
+REACH = TOP_SPEED * DECISION_TICKS * TICK  # units; how far a pointer gets in a decision
+NEAR = 2.0  # reaches; farther rivals seem as far from the pointer
 MAX_DISTANCE = 10.0  # the beast may leave the pitch, and a boost has no limit: its values are clipped
 
 OWN = [
@@ -37,7 +46,7 @@ OWN = [
 POINTER = ["x", "z", "velocity x", "velocity z", "on itself", "on a rival"]
 RIVAL = [
     "present", "alive", "x", "z", "velocity x", "velocity z", "direction x", "direction z", "lives", "kills",
-    "has the ball", "is hunted", "passes", "blink ready", "pointed at",
+    "has the ball", "is hunted", "passes", "blink ready", "pointed at", "from the pointer x", "from the pointer z",
 ]  # fmt: skip
 BEAST = [
     "x",
@@ -72,7 +81,7 @@ def sensors(players: int) -> list[pb.Sensor]:
             [rivals, len(RIVAL)],
             rival_low,
             rival_high,
-            "the rivals, relative to the own player, in an order without meaning",
+            "the rivals, relative to the own player and, in ways of a decision, to the pointer; nearest to it first",
             elements=slots,
         ),
         sensor(
@@ -92,15 +101,16 @@ def _bounds(names: list[str], usual: float) -> tuple[list[float], list[float]]:
 @compiled
 def observe(arenas, rules, agents, own, pointer, rivals, beast, ball, match):
     """Write the sensors of the first `agents` players of every arena, [lanes, *shape] each."""
+    order = np.zeros(MAX_PLAYERS, np.int64)
     for i in range(len(arenas)):
         for j in range(agents):
             lane = i * agents + j
             found = _observe_pointer(arenas[i], j, rules, pointer[lane])
             _observe_own(arenas[i], j, rules, own[lane])
+            _sort_rivals(arenas[i], j, rules, order)
             for k in range(rules.players - 1):
-                rival = arenas[i].players[j].slots[k]
-                _observe_rival(arenas[i], j, rival, rules, rivals[lane, k])
-                rivals[lane, k, 14] = 1.0 if rival == found else 0.0
+                _observe_rival(arenas[i], j, order[k], rules, rivals[lane, k])
+                rivals[lane, k, 14] = 1.0 if order[k] == found else 0.0
             _observe_beast(arenas[i], j, beast[lane])
             _observe_ball(arenas[i], j, ball[lane])
             _observe_match(arenas[i], rules, match[lane])
@@ -138,8 +148,27 @@ def _observe_own(arena, j, rules, values):
 
 
 @compiled
+def _sort_rivals(arena, j, rules, order):
+    """Write the rivals of player j: the living ones, those nearest to its pointer first, then the others."""
+    player = arena.players[j]
+    distances = np.zeros(rules.players)
+    for k in range(rules.players):
+        rival = arena.players[k]
+        distances[k] = length(rival.x - player.pointer_x, rival.z - player.pointer_z) if rival.alive else math.inf
+    count = 0
+    for k in range(rules.players):
+        if k != j:
+            place = count
+            while place > 0 and distances[order[place - 1]] > distances[k]:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = k
+            count += 1
+
+
+@compiled
 def _observe_rival(arena, j, k, rules, values):
-    """Write all but the last of values [15]: what player j sees of player k."""
+    """Write values [17] but for "pointed at": what player j sees of player k."""
     player, rival = arena.players[j], arena.players[k]
     if rival.out:
         values[:] = 0.0
@@ -154,6 +183,8 @@ def _observe_rival(arena, j, k, rules, values):
     values[11] = 1.0 if arena.target == k else 0.0
     values[12] = 1.0 if rival.pass_to >= 0 or rival.throw_tick > 0 else 0.0
     values[13] = 1.0 if arena.tick >= rival.blink_ready else 0.0
+    values[15] = _near((rival.x - player.pointer_x) / REACH)
+    values[16] = _near((rival.z - player.pointer_z) / REACH)
 
 
 @compiled
@@ -172,6 +203,11 @@ def _observe_beast(arena, j, values):
 @compiled
 def _far(value):
     return min(max(value, -MAX_DISTANCE), MAX_DISTANCE)
+
+
+@compiled
+def _near(value):
+    return min(max(value, -NEAR), NEAR)
 
 
 @compiled

@@ -55,7 +55,6 @@ PLAYER = np.dtype(
         ("pass_to", "i8"),  # the rival to which the player turns, -1: none; (pass_x, pass_z) is where it was
         ("throw_tick", "i8"), ("throw_to", "i8"),
         ("blink_tick", "i8"), ("blink_ready", "i8"),  # landing of a blink; from when on the next one is possible
-        ("slots", "i8", MAX_PLAYERS),  # the order in which it observes its rivals
         ("deaths", "i8"), ("humiliations", "i8"), ("passes", "i8"), ("power_shots", "i8"), ("blinks", "i8"),
         ("clicks", "i8"), ("ticks_alive", "i8"), ("ticks_with_ball", "i8"), ("out_tick", "i8"),
     ]
