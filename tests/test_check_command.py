@@ -2,10 +2,13 @@
 
 import logging
 import re
+import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from xml.etree import ElementTree
 
+import grpc
 import pytest
 
 from joybridge.conformance.__main__ import main
@@ -114,14 +117,30 @@ def test_a_file_that_cannot_be_written_is_an_error_in_one_sentence(correct, tmp_
             ["nowhere"],
             "or unix:PATH; it is a running server that is tested: start one by `joybridge serve`, with --game",
         ),
-        ([NOWHERE, "--deadline", "0"], "argument --deadline: "),
-        ([NOWHERE, "--deadline", "nan"], "argument --deadline: "),
+        ([NOWHERE, "--deadline", "0"], "argument --deadline: got '0', expected a positive number of seconds"),
+        ([NOWHERE, "--wait", "soon"], "argument --wait: got 'soon', expected a positive number of seconds"),
     ],
 )
 def test_a_malformed_command_line_is_refused(arguments, error, capsys):
     with pytest.raises(SystemExit) as end:
         main(["check", *arguments])
     assert end.value.code == 2 and error in capsys.readouterr().err
+
+
+def test_a_server_that_begins_later_is_waited_for(monkeypatch, capsys):
+    with socket.socket() as reserved, ExitStack() as later:
+        reserved.bind(("127.0.0.1", 0))  # and does not listen
+        port = reserved.getsockname()[1]
+        assert main(["check", f"127.0.0.1:{port}", "--only", "zero_arenas_are_refused"]) == 2
+        ready = grpc.channel_ready_future
+
+        def begin(channel):
+            reserved.close()
+            later.enter_context(serving(BrokenServer(set()), port))
+            return ready(channel)
+
+        monkeypatch.setattr(grpc, "channel_ready_future", begin)
+        assert main(["check", f"127.0.0.1:{port}", "--only", "zero_arenas_are_refused", "--wait", "60"]) == 0
 
 
 def test_an_unknown_name_lists_the_nearest_ones():

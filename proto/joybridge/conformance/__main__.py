@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
+from joybridge.conformance.client import wait_for_server
 from joybridge.conformance.registry import Check
 from joybridge.conformance.report import FAILED, WARNING, Result, as_json, listing, repair_first, summary, write_junit
 from joybridge.conformance.rules import FAMILIES
@@ -41,6 +42,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
     help_ = "the longest wait for a response. Default: %(default)g"
     checker.add_argument("--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS", help=help_)
+    help_ = "how long to wait for a server that does not answer yet. Default: 0"
+    checker.add_argument("--wait", type=_seconds, metavar="SECONDS", help=help_)
     help_ = "local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s"
     checker.add_argument("--transport", choices=["grpc", "local"], default="grpc", help=help_)
     add_credentials_arguments(checker)
@@ -77,6 +80,8 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
     results: list[Result] = []
     progress = Progress()
     credentials = load_credentials(options.tls_ca, options.token_file)
+    if options.wait:
+        wait_for_server(options.address, options.wait, credentials)
     for result in run_checks(options.address, options.game, options.deadline, checks, credentials, options.transport):
         results.append(result)
         if result.outcome in (FAILED, WARNING) or not options.quiet:
@@ -96,10 +101,13 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
 
 
 def _seconds(text: str) -> float:
-    """Return a positive number of seconds. Raises ValueError, which argparse reports."""
-    seconds = float(text)
+    """Return a positive number of seconds. Raises argparse.ArgumentTypeError."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
     if not (math.isfinite(seconds) and seconds > 0):
-        raise ValueError
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
     return seconds
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from queue import SimpleQueue
@@ -50,6 +51,13 @@ class Exchange:
 
     responses: list[Any]  # of Play: PlayResponse
     status: Status
+
+
+def wait_for_server(address: str, seconds: float, credentials: Credentials) -> None:
+    """Wait until a server can be reached, or for so many seconds: what is missing then is for the checks to say."""
+    often = ("grpc.max_reconnect_backoff_ms", 1000)  # by default the pauses grow to two minutes
+    with credentials.channel(address, [*_OPTIONS, often]) as channel, suppress(grpc.FutureTimeoutError):
+        grpc.channel_ready_future(channel).result(timeout=seconds)
 
 
 class Client:

@@ -151,8 +151,8 @@ class Threads(ThreadPoolExecutor):
 
 
 @contextmanager
-def serving(broken) -> Iterator[str]:
-    """Serve in threads of this process and yield the address."""
+def serving(broken, port: int = 0) -> Iterator[str]:
+    """Serve in threads of this process and yield the address. port: 0 is a free one."""
     with Threads(32) as threads:
         options = [*broken.options, ("grpc.so_reuseport", 0), NO_COMPRESSION]  # the first of a name counts
         server = grpc.server(threads, options=options, interceptors=[TokenInterceptor(broken.admits)])
@@ -164,7 +164,7 @@ def serving(broken) -> Iterator[str]:
                 servicer.set(name, health_pb2.HealthCheckResponse.SERVING)
         if broken.reflection:
             reflection.enable_server_reflection(broken.reflection, server)
-        port = server.add_insecure_port("127.0.0.1:0")
+        port = server.add_insecure_port(f"127.0.0.1:{port}")
         server.start()
         try:
             yield f"127.0.0.1:{port}"
