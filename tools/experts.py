@@ -1,6 +1,6 @@
 """Scripted experts of some games: record them, clone them under several layouts, and compare the scores.
 
-python -m tools.experts runs/experts                    # all games and layouts; prints a table
+python -m tools.experts runs/experts                    # the small games under all layouts; prints a table
 python -m tools.experts runs/experts --games archer --layouts hybrid bucket-11
 python -m tools.experts runs/experts --games beastly_rivals_full --layouts       # demonstrations alone
 """
@@ -30,6 +30,7 @@ ARENAS = 20
 EPISODES = 200  # that are recorded, and that a clone is measured with
 LEAD = 0.125  # ways of a pointer that a player walks at full speed: it is where the rival will be
 WRONG = 0.3  # how often a random action comes before an expert's in the games below; it is not demonstrated
+SMALL = ("archer", "marble", "orchard", "noughts")
 DISTURBED = ("noughts", "beastly_rivals_full")  # whose experts alone would not show how to find back
 SCORES = {
     "archer": "reward",
@@ -139,7 +140,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print a row per game: the score of its expert, and those of its clones as shares of it."""
     parser = argparse.ArgumentParser(prog="python -m tools.experts")
     parser.add_argument("folder", type=Path, help="for demonstrations and runs")
-    parser.add_argument("--games", nargs="+", choices=EXPERTS, default=list(EXPERTS))
+    parser.add_argument("--games", nargs="+", choices=EXPERTS, default=SMALL)
     parser.add_argument("--layouts", nargs="*", default=LAYOUTS, help="of clones; none: demonstrations alone")
     options = parser.parse_args(arguments)
     print("| game | expert |", " | ".join(options.layouts), "|", flush=True)

@@ -35,7 +35,7 @@ from joybridge.v1 import bridge_pb2 as pb
 PLACE_UNIT = POINTER_X  # units; of all positions
 KILLS_UNIT, CHARGE_UNIT, PHASE_TICKS = 10.0, 15.0, 300.0
 BALL_TOP = HANDS + ABOVE
-REACH = TOP_SPEED * DECISION_TICKS * TICK  # units; how far a pointer gets in a decision
+REACH = TOP_SPEED * DECISION_TICKS * TICK  # units; how far a pointer gets in a decision along an axis
 NEAR = 2.0  # reaches; farther rivals seem as far from the pointer
 MAX_DISTANCE = 10.0  # the beast may leave the pitch, and a boost has no limit: its values are clipped
 
@@ -81,7 +81,8 @@ def sensors(players: int) -> list[pb.Sensor]:
             [rivals, len(RIVAL)],
             rival_low,
             rival_high,
-            "the rivals, relative to the own player and, in ways of a decision, to the pointer; nearest to it first",
+            "the rivals, relative to the own player and to the pointer (1 is how far it gets in a decision); nearest "
+            "to it first",
             elements=slots,
         ),
         sensor(
