@@ -13,6 +13,7 @@ from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
 from joybridge.policy.lineup import Lineup
+from joybridge.ppo.carried import carried_from
 from joybridge.ppo.cloning import Cloning, minibatches, refresh
 from joybridge.ppo.loss import Actions
 from joybridge.ppo.observation import Observation
@@ -176,8 +177,14 @@ class Policy:
         return self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
 
     def next_values(self) -> Array:
-        """Return the values of the observations that follow the full rollout, [lanes]."""
-        return self.actor.values(self.rollout.observation(-1))
+        """Return the values of what follows the last decision with an outcome in the full rollout, [lanes].
+
+        Where a lane waits, that is its last decision: what it sees meanwhile is never learned from.
+        """
+        values, rollout = self.actor.values(self.rollout.observation(-1)), self.rollout
+        waiting = np.flatnonzero(rollout.pending >= 0)
+        values[waiting] = rollout.values[rollout.pending[waiting], waiting]
+        return values
 
     def shuffles(self) -> np.random.Generator:
         """Return the generator that shuffles the present rollout."""
@@ -223,6 +230,7 @@ class Policy:
             "deciding": self.rollout.deciding[0].copy(),
             **({} if self.rollout.memory is None else {"memory": self.rollout.memory[0].copy()}),
             **{f"images.{i}": history.window(0).gather() for i, history in enumerate(self.rollout.histories)},
+            **{f"carried.{name}": array for name, array in self.rollout.carried.state().items()},
         }
 
     def load(self, state: dict[str, Array]) -> None:
@@ -239,6 +247,7 @@ class Policy:
             _take(state["memory"], self.rollout.memory[0])
         for i, history in enumerate(self.rollout.histories):
             history.load(state[f"images.{i}"])
+        self.rollout.take_carried(carried_from(select(state, "carried.")))
         self._begin_rollout()
 
 

@@ -60,6 +60,13 @@ class History:
         """Return what some decisions see, of these steps and lanes."""
         return Window(self.pictures, self.sources[steps, lanes], lanes)
 
+    def recall(self, lanes: Array, stacks: Array) -> None:
+        """Let decision 0 of some lanes be one that saw these stacks, uint8 [lanes, frame_stack, height, …]."""
+        if len(self.pictures) == len(self.sources) + self.frame_stack:  # they need rows of their own, if any wait
+            self.pictures = np.concatenate([self.pictures, np.zeros_like(self.pictures[-self.frame_stack :])])
+        self.pictures[-self.frame_stack :, lanes] = np.moveaxis(stacks, 1, 0)
+        self.sources[0, lanes] = np.arange(len(self.pictures) - self.frame_stack, len(self.pictures))
+
     def restart(self) -> None:
         """Let what the last row sees be what decision 0 of the next rollout sees."""
         self.load(self.window(-1).gather())

@@ -8,6 +8,7 @@ import torch
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.tensors import Array
 from joybridge.layouts import ActionSpace
+from joybridge.ppo.carried import NOTHING, Carried, together
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.fast.kernels import Action, Noise, draw_noise
 from joybridge.ppo.history import History
@@ -58,6 +59,7 @@ class RolloutBuffer:
         self.final_values = np.zeros((steps, lanes), np.float32)  # at a truncation, of the last observation
         self.deciding = np.ones((steps + 1, lanes), bool)
         self.pending = np.full(lanes, -1)  # the row of each lane's decision whose outcome is not known yet
+        self.carried = NOTHING  # of earlier rollouts; where their outcome is known, it is in row 0
         self.noise = Noise(np.zeros(self.continuous.shape, np.float32), np.zeros(self.discrete.shape, np.float32))
 
     @property
@@ -68,6 +70,8 @@ class RolloutBuffer:
     def begin(self, seen: Observation, deciding: Array | None, group: int = 0) -> None:
         """Put what the lanes of a group see first in new episodes: frames, and one picture of each image."""
         lanes = self.groups[group]
+        self.pending[lanes] = -1
+        self.carried = self.carried.of((self.carried.lanes < lanes.start) | (self.carried.lanes >= lanes.stop))
         self.observations[0, lanes] = 0.0
         self.observations[0, lanes, self.observations.shape[2] - seen.numbers.shape[1] :] = seen.numbers
         for history, pictures in zip(self.histories, seen.images, strict=True):
@@ -159,6 +163,43 @@ class RolloutBuffer:
         pending[known] = -1
         self.deciding[t + 1, lanes] = deciding
 
+    def _of_decisions(self) -> dict[str, Array]:
+        """Return the arrays whose rows say what was decided, and on what."""
+        names = ("observations", "continuous", "discrete", "log_probs", "values", "masks", "counts", "memory")
+        return {name: array for name in names if (array := getattr(self, name)) is not None}
+
+    def close(self) -> None:
+        """Put the decisions of earlier rollouts whose outcome is known now into row 0, where their lanes waited."""
+        known = self.carried.of(self.pending[self.carried.lanes] != 0)
+        for name, array in self._of_decisions().items():
+            usual = np.array(name == "counts", array.dtype)  # if it was made later: nothing is masked, all counts
+            array[0, known.lanes] = known.arrays.get(name, usual)
+        for history, stacks in zip(self.histories, known.images, strict=len(known.lanes) > 0):
+            history.recall(known.lanes, stacks)
+        self.deciding[0, known.lanes] = True
+        self.carried = self.carried.of(self.pending[self.carried.lanes] == 0)
+
+    def carry(self, lanes: Sequence[int] | Array) -> Carried:
+        """Return the decisions of some lanes whose outcome is not known yet."""
+        rows = self.pending[lanes]
+        arrays = {name: array[rows, lanes] for name, array in self._of_decisions().items()}
+        images = [history.at(rows, np.asarray(lanes)).gather() for history in self.histories]
+        return Carried(np.asarray(lanes), arrays, images)
+
+    def take_carried(self, carried: Carried) -> None:
+        """Take the decisions of earlier rollouts from a checkpoint. Raises ValueError unless they fit."""
+        kinds = {name: (array.dtype, array.shape[2:]) for name, array in self._of_decisions().items()}
+        fits = all(
+            kinds.get(name, (array.dtype, array.shape[1:])) == (array.dtype, array.shape[1:])
+            and len(array) == len(carried.lanes)
+            and np.isfinite(array).all()
+            for name, array in carried.arrays.items()
+        )
+        if not fits or not np.isin(carried.lanes, np.arange(len(self.pending))).all():
+            raise ValueError("decisions whose outcome is not known yet do not fit")
+        self.carried = carried
+        self.pending[carried.lanes] = 0
+
     def decided(self) -> Array:
         """Return where a decision was made whose outcome this rollout holds, bool [steps, lanes]."""
         decided = self.deciding[:-1].copy()
@@ -206,6 +247,8 @@ class RolloutBuffer:
 
     def restart(self) -> None:
         """Begin the next rollout where this one ended."""
+        waiting = np.flatnonzero(self.pending >= 0)
+        self.carried = together(self.carried, self.carry(np.setdiff1d(waiting, self.carried.lanes)))
         self.observations[0] = self.observations[-1]
         for history in self.histories:
             history.restart()
@@ -213,4 +256,5 @@ class RolloutBuffer:
             self.memory[0] = self.memory[-1]
         self.deciding[0] = self.deciding[-1]
         self.pending[:] = -1
+        self.pending[waiting] = 0  # row 0 takes the outcome: it is of no decision, as their lanes wait
         self.rows = [0] * len(self.groups)

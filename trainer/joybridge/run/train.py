@@ -97,6 +97,7 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
     """
     config, rollout = policy.config, policy.rollout
     statistics: Row = {}
+    rollout.close()
     if (decided := rollout.decided()).any():
         advantages = gae(
             policy.rewards(decided),
