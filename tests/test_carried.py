@@ -57,7 +57,7 @@ def learned(steps, told, *, saved=False):
     """Return what is learned from in rollouts of so many steps: a line for each decision, of each lane in order."""
     rollout = make_rollout(steps)
     rollout.begin(Observation(np.zeros((LANES, 1), np.float32), (np.ones((LANES, 1, 2, 1), np.uint8),)), None)
-    lines = []
+    lines: list[tuple[int, list[float]]] = []
     for begin in range(0, LENGTH, steps):
         for one in told[begin : begin + steps]:
             play(rollout, one)
