@@ -29,7 +29,7 @@ def stream(seed):
         terminated, deciding = rng.random(LANES) < 0.1, rng.random(LANES) < 0.3
         step = StepArrays([], np.zeros((LANES, 1)), terminated, np.zeros(LANES, bool), deciding=deciding)
         step.ended = np.flatnonzero(terminated).astype(np.int32)
-        allowed = [rng.random((LANES, 2)) < 0.7] if t > LENGTH // 3 else None
+        allowed = [rng.random((LANES, 2)) < 0.7] if LENGTH // 3 < t < LENGTH // 2 else None
         numbers, rewards = rng.random((2, LANES), np.float32)
         action = Action(
             rng.random((LANES, 1), np.float32), rng.integers(0, 2, (LANES, 1)), rng.random(LANES, np.float32)
@@ -114,11 +114,24 @@ def test_new_episodes_forget_what_is_carried():
 def test_a_damaged_checkpoint_is_refused():
     _, rollout = learned(3, stream(0))
     state = rollout.carried.state()
-    for change in (
-        {"lanes": state["lanes"] + LANES},
-        {"arrays.values": np.full_like(state["arrays.values"], np.nan)},
-        {"arrays.observations": state["arrays.observations"][:, :1]},
-        {"arrays.rewards": state["arrays.values"][:0]},
-    ):
+
+    def take(**changes):
+        other = make_rollout(3)
+        other.deciding[0] = rollout.deciding[0]
+        other.take_carried(carried_from({name: a for name, a in (state | changes).items() if a is not None}))
+
+    take()
+    for name, change in {
+        "lanes": state["lanes"] + LANES,
+        "arrays.values": np.full_like(state["arrays.values"], np.nan),
+        "arrays.observations": state["arrays.observations"][:, :1],
+        "arrays.discrete": state["arrays.discrete"].astype(np.int32),
+        "arrays.log_probs": None,
+        "arrays.rewards": state["arrays.values"],
+        "images.0": state["images.0"][:, :1],
+    }.items():
         with pytest.raises(ValueError, match="do not fit"):
-            make_rollout(3).take_carried(carried_from(state | change))
+            take(**{name: change})
+    state["lanes"] = np.flatnonzero(rollout.deciding[0])[:1].repeat(len(state["lanes"]))
+    with pytest.raises(ValueError, match="do not fit"):
+        take()

@@ -177,9 +177,9 @@ class Policy:
         return self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
 
     def next_values(self) -> Array:
-        """Return the values of what follows the last decision with an outcome in the full rollout, [lanes].
+        """Return the values of what follows the last outcome of each lane in the full rollout, [lanes].
 
-        Where a lane waits, that is its last decision: what it sees meanwhile is never learned from.
+        Where a lane waits, that is what it saw at its last decision, whose value is known.
         """
         values, rollout = self.actor.values(self.rollout.observation(-1)), self.rollout
         waiting = np.flatnonzero(rollout.pending >= 0)

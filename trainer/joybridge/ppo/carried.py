@@ -4,7 +4,7 @@ The lane of a player that is out may wait for hundreds of decisions, and only th
 decision is carried into the rollout that holds its outcome, and is learned from there.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,16 +37,16 @@ class Carried(NamedTuple):
 NOTHING = Carried(np.zeros(0, np.int64), {}, ())
 
 
-def carried_from(state: Mapping[str, Array]) -> Carried:
+def carried_from(state: dict[str, Array]) -> Carried:
     """Return what `Carried.state` returned."""
     if not state:
         return NOTHING
-    images = select(dict(state), "images.")
-    return Carried(state["lanes"], select(dict(state), "arrays."), [images[str(i)] for i in range(len(images))])
+    images = select(state, "images.")
+    return Carried(state["lanes"], select(state, "arrays."), [images[str(i)] for i in range(len(images))])
 
 
 def together(one: Carried, other: Carried) -> Carried:
-    """Return the decisions of both, whose lanes differ. An array that one of them lacks is zeros there."""
+    """Return the decisions of both, whose lanes differ. Masks that one of them lacks are zeros."""
     if not len(one.lanes) or not len(other.lanes):
         return one if len(one.lanes) else other
     order = np.argsort(np.concatenate([one.lanes, other.lanes]))

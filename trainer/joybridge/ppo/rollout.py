@@ -118,15 +118,23 @@ class RolloutBuffer:
         if self.masks is None:
             if allowed is None:
                 return None
-            self.masks = np.zeros((*self.discrete.shape, self.space.widest), np.float32)
+            self._make_masks()
+        assert self.masks is not None
         masks: Array = self.masks[t, lanes]
         fill_masks(allowed, masks)
         return masks
 
+    def _make_masks(self) -> None:
+        self.masks = np.zeros((*self.discrete.shape, self.space.widest), np.float32)
+
+    def _make_counts(self, parts: int) -> None:
+        self.counts = np.ones((*self.discrete.shape[:2], parts), bool)
+
     def store_counts(self, counts: Array, group: int = 0) -> None:
         """Store which parts of the actions of a group's decision count, bool [lanes, parts]; see `Conditions`."""
         if self.counts is None:
-            self.counts = np.ones((*self.discrete.shape[:2], counts.shape[1]), bool)
+            self._make_counts(counts.shape[1])
+        assert self.counts is not None
         self.counts[self.rows[group], self.groups[group]] = counts
 
     def store(self, step: StepArrays, rewards: Array, final_values: Array | None = None, group: int = 0) -> None:
@@ -172,30 +180,34 @@ class RolloutBuffer:
         """Put the decisions of earlier rollouts whose outcome is known now into row 0, where their lanes waited."""
         known = self.carried.of(self.pending[self.carried.lanes] != 0)
         for name, array in self._of_decisions().items():
-            usual = np.array(name == "counts", array.dtype)  # if it was made later: nothing is masked, all counts
-            array[0, known.lanes] = known.arrays.get(name, usual)
+            array[0, known.lanes] = known.arrays.get(name, 0)  # masks that were made later: nothing was forbidden
         for history, stacks in zip(self.histories, known.images, strict=len(known.lanes) > 0):
             history.recall(known.lanes, stacks)
         self.deciding[0, known.lanes] = True
         self.carried = self.carried.of(self.pending[self.carried.lanes] == 0)
 
-    def carry(self, lanes: Sequence[int] | Array) -> Carried:
-        """Return the decisions of some lanes whose outcome is not known yet."""
+    def _open(self, lanes: Array) -> Carried:
+        """Return the decisions of this rollout, of some lanes, whose outcome is not known yet."""
         rows = self.pending[lanes]
         arrays = {name: array[rows, lanes] for name, array in self._of_decisions().items()}
-        images = [history.at(rows, np.asarray(lanes)).gather() for history in self.histories]
-        return Carried(np.asarray(lanes), arrays, images)
+        return Carried(lanes, arrays, [history.at(rows, lanes).gather() for history in self.histories])
 
     def take_carried(self, carried: Carried) -> None:
         """Take the decisions of earlier rollouts from a checkpoint. Raises ValueError unless they fit."""
-        kinds = {name: (array.dtype, array.shape[2:]) for name, array in self._of_decisions().items()}
-        fits = all(
-            kinds.get(name, (array.dtype, array.shape[1:])) == (array.dtype, array.shape[1:])
-            and len(array) == len(carried.lanes)
-            and np.isfinite(array).all()
-            for name, array in carried.arrays.items()
-        )
-        if not fits or not np.isin(carried.lanes, np.arange(len(self.pending))).all():
+        lanes, count = carried.lanes, len(carried.lanes)
+        waiting = np.flatnonzero(~self.deciding[0])
+        if "masks" in carried.arrays:
+            self._make_masks()
+        if "counts" in carried.arrays:
+            self._make_counts(carried.arrays["counts"].shape[-1])
+        wanted = {name: (a.dtype, (count, *a.shape[2:])) for name, a in self._of_decisions().items()}
+        kinds = {name: (array.dtype, array.shape) for name, array in carried.arrays.items()}
+        pictures = [(count, history.frame_stack, *history.pictures.shape[2:]) for history in self.histories]
+        if (
+            not np.array_equal(lanes, np.intersect1d(lanes, waiting))
+            or (count and (kinds != wanted or [stacks.shape for stacks in carried.images] != pictures))
+            or not all(np.isfinite(array).all() for array in carried.arrays.values())
+        ):
             raise ValueError("decisions whose outcome is not known yet do not fit")
         self.carried = carried
         self.pending[carried.lanes] = 0
@@ -248,7 +260,7 @@ class RolloutBuffer:
     def restart(self) -> None:
         """Begin the next rollout where this one ended."""
         waiting = np.flatnonzero(self.pending >= 0)
-        self.carried = together(self.carried, self.carry(np.setdiff1d(waiting, self.carried.lanes)))
+        self.carried = together(self.carried, self._open(np.setdiff1d(waiting, self.carried.lanes)))
         self.observations[0] = self.observations[-1]
         for history in self.histories:
             history.restart()
