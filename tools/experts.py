@@ -28,10 +28,10 @@ from joybridge.run.train import train
 
 ARENAS = 20
 EPISODES = 200  # that are recorded, and that a clone is measured with
-LEAD = 0.125  # ways of a pointer that a player walks at full speed: it is where the rival will be
-WRONG = 0.3  # how often a random action comes before an expert's in the games below; it is not demonstrated
 SMALL = ("archer", "marble", "orchard", "noughts")
 DISTURBED = ("noughts", "beastly_rivals_full")  # whose experts alone would not show how to find back
+WRONG = 0.3  # how often a random action, which is not demonstrated, stands in an expert's place there
+LEAD = 0.125  # how far a player walks in a decision, at full speed, in ways of a pointer
 SCORES = {
     "archer": "reward",
     "marble": "reward",
@@ -118,8 +118,8 @@ def record(game: str, address: str, folder: Path, seed: int = 1) -> float:
                 expert(step, acts[0])
                 random = rng.random(len(acts[0].choices)) < wrong
                 acts[0].axes[random] = rng.uniform(-1, 1, acts[0].axes[random].shape)
-                for lane in np.flatnonzero(random & (step.deciding if step.deciding is not None else True)):
-                    if step.masks is not None:
+                if step.masks is not None:
+                    for lane in np.flatnonzero(random & (step.deciding if step.deciding is not None else True)):
                         acts[0].choices[lane, 0] = rng.choice(np.flatnonzero(step.masks[0][lane]))
                 demonstration.hold([np.flatnonzero(~random).tolist()] if wrong else None)
                 (after,) = session.step(acts)

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import sys
 import time
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from joybridge.conformance.rules import FAMILIES
 from joybridge.conformance.runner import DEADLINE, run_checks
 from joybridge.conformance.selection import select
 from joybridge.contract.address import address
+from joybridge.contract.argument_types import seconds
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.process import leave
@@ -41,9 +41,9 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
         checker.add_argument(option, action="append", default=[], metavar=metavar, help=help_)
     checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
     help_ = "the longest wait for a response. Default: %(default)g"
-    checker.add_argument("--deadline", type=_seconds, default=DEADLINE, metavar="SECONDS", help=help_)
+    checker.add_argument("--deadline", type=seconds, default=DEADLINE, metavar="SECONDS", help=help_)
     help_ = "how long to wait for a server that does not answer yet. Default: 0"
-    checker.add_argument("--wait", type=_seconds, metavar="SECONDS", help=help_)
+    checker.add_argument("--wait", type=seconds, metavar="SECONDS", help=help_)
     help_ = "local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s"
     checker.add_argument("--transport", choices=["grpc", "local"], default="grpc", help=help_)
     add_credentials_arguments(checker)
@@ -98,17 +98,6 @@ def _check(checks: Sequence[Check], options: argparse.Namespace) -> int:
         print(json.dumps(as_json(options.address, results, list(FAMILIES))))
     sys.stdout.flush()
     return int(any(result.outcome == FAILED for result in results))
-
-
-def _seconds(text: str) -> float:
-    """Return a positive number of seconds. Raises argparse.ArgumentTypeError."""
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a positive number of seconds")
-    return seconds
 
 
 if __name__ == "__main__":

@@ -5,12 +5,12 @@ import json
 import shlex
 from collections.abc import Callable, Sequence
 
-from joybridge.client.argument_types import seconds
 from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import SimulatorSource
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import programs_of, with_names
 from joybridge.contract.address import address
+from joybridge.contract.argument_types import seconds
 from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME

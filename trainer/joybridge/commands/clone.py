@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import add_game_options, add_own_game, run_command, say_next
 from joybridge.client.recording import load_recording
 from joybridge.client.simulator_source import SimulatorSource, remember
@@ -16,6 +15,7 @@ from joybridge.config.config import Config, load_config, make_config
 from joybridge.config.config_files import find_config, merge, read_overrides
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.argument_types import at_least
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration

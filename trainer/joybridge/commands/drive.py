@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least
 from joybridge.client.client import Session
 from joybridge.client.command_line import add_trust_option, run_command
 from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import merged_place
+from joybridge.contract.argument_types import at_least
 from joybridge.contract.places import PYGAME
 from joybridge.progress import Progress, say
 from joybridge.run.folder import play_config, run_spec

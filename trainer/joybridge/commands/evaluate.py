@@ -7,10 +7,10 @@ from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from joybridge.client.argument_types import Once, at_least
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
+from joybridge.contract.argument_types import Once, at_least
 from joybridge.play.figures import add_figures, save_vector
 from joybridge.play.sweep import plot, read_sweep, table
 from joybridge.progress import say

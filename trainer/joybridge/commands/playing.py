@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
     add_simulator_options,
@@ -18,6 +17,7 @@ from joybridge.client.command_line import (
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.config.programs import as_trained
+from joybridge.contract.argument_types import at_least
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint

@@ -4,10 +4,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least, seconds
 from joybridge.client.command_line import run_command, say_next
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
+from joybridge.contract.argument_types import at_least, seconds
 from joybridge.layouts import list_roles
 from joybridge.play.video_formats import video_format
 from joybridge.policy.exportable import export_refusal

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread, Timer
 
-from joybridge.client.argument_types import at_least, minutes
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
     LAST_SIMULATORS,
@@ -38,6 +37,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
+from joybridge.contract.argument_types import at_least, minutes
 from joybridge.demonstrations.files import find_demonstrations
 from joybridge.progress import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint

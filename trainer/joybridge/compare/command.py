@@ -5,7 +5,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least, share
 from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command
 from joybridge.compare.ranges import PRUNE_FROM, is_fixed
 from joybridge.compare.suites import SUITES
@@ -13,6 +12,7 @@ from joybridge.compare.tested import EPISODES, add_test_options
 from joybridge.compare.variants import TRAINERS
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.argument_types import at_least, share
 from joybridge.play.figures import add_figures
 from joybridge.play.sweep import read_sweep
 

@@ -10,7 +10,6 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.argument_types import at_least
 from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
@@ -22,6 +21,7 @@ from joybridge.client.simulator_source import choose_simulators, last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.argument_types import at_least
 from joybridge.play.figures import add_figures
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config

@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from joybridge.client.argument_types import Once, at_least
 from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job
@@ -16,6 +15,7 @@ from joybridge.config.config import load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings
 from joybridge.config.metrics import measured_columns
+from joybridge.contract.argument_types import Once, at_least
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import minutes_left, say
 from joybridge.run.folder import check_playable

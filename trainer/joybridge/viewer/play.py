@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joybridge.client.argument_types import at_least
 from joybridge.client.client import describe
 from joybridge.client.own_games import choose_game
 from joybridge.client.signals import interrupt_on_signals, wait_for_interrupt
@@ -17,6 +16,7 @@ from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
+from joybridge.contract.argument_types import at_least
 from joybridge.contract.codec import lane_count
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
