@@ -305,3 +305,12 @@ def test_distributions_that_the_format_does_not_have_are_refused(simulator, tmp_
     assert not (tmp_path / "policy.onnx").exists()
     assert main(["record", str(run), str(tmp_path / "a.gif"), "--seconds", "0.2", "--simulator", simulator]) == 0
     assert f"next: joybridge watch {run}\n" in capsys.readouterr().err  # no export, which would be refused
+
+
+def test_a_policy_with_a_hand_is_exported_only_without_it(simulator, tmp_path, capsys):
+    run = make_run(tmp_path / "run", simulator, hand={"hold": 2, "reach": 0.5})
+    export = ["export", str(run), str(tmp_path / "policy.json"), "--simulator", simulator]
+    assert main(export) == 1
+    assert "hand.hold=2 hand.reach=0.5, and exported files have none" in capsys.readouterr().err
+    assert main([*export, "hand.hold=1", "hand.reach=1"]) == 0
+    assert "it plays 1,024 decisions as the trainer does" in capsys.readouterr().out

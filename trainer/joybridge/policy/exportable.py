@@ -1,6 +1,6 @@
 """Whether an exported file can hold a policy."""
 
-from joybridge.config.config import Config
+from joybridge.config.config import Config, HandConfig
 from joybridge.layouts import Role
 from joybridge.layouts.layout import GAUSSIAN, SQUASHED
 
@@ -14,6 +14,14 @@ def export_refusal(config: Config, role: Role) -> str:
         return (
             "with `pointer: velocity` the trainer remembers where the pointer is, and exported files do not; "
             f"{IN_PYTHON}, or train it with axes that move the pointer"
+        )
+    limits = [(key, value, default) for (key, value), (_, default) in zip(config.hand, HandConfig(), strict=True)]
+    if limited := [(key, value, default) for key, value, default in limits if value != default]:
+        trained = " ".join(f"hand.{key}={value}" for key, value, _ in limited)
+        free = " ".join(f"hand.{key}={default}" for key, _, default in limited)
+        return (
+            f"its hand is limited, {trained}, and exported files have none; {IN_PYTHON}, or export what it wants to do, "
+            f"without its hand, by adding {free}"
         )
     if policy.network:
         return (
