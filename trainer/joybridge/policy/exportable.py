@@ -20,8 +20,8 @@ def export_refusal(config: Config, role: Role) -> str:
         trained = " ".join(f"hand.{key}={value}" for key, value, _ in limited)
         free = " ".join(f"hand.{key}={default}" for key, _, default in limited)
         return (
-            f"its hand is limited, {trained}, and exported files have none; {IN_PYTHON}, or export what it wants to do, "
-            f"without its hand, by adding {free}"
+            f"its hand is limited, {trained}, and exported files have none; {IN_PYTHON}, or export what it wants to "
+            f"do, without its hand, by adding {free}"
         )
     if policy.network:
         return (
