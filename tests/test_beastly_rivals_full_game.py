@@ -18,7 +18,7 @@ from joybridge.games.locomotion import LOCOMOTIONS
 from tests.support.measured import interpreted
 
 OPTIONS = {option.name: option.default_choice for option in BeastlyRivalsFull.options} | {"locomotion": "axes"}
-SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT = range(5)
+SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT, BALL = range(6)
 SHORT = {"pauses": "short", "lives": "0"}  # matches of some 100 decisions
 END = MAX_DECISIONS * DECISION_TICKS
 
@@ -192,7 +192,7 @@ def test_who_died_waits_until_its_revival_and_its_rewards_wait_with_it():
         (step,) = game.step([ActArrays(np.ones((4, 2), np.float32), np.ones((4, 1), np.int32))])
         decisions += 1
     assert decisions == 8 and game.arenas[1].players[0].pointer_x == pointer  # 50 ticks
-    assert step.rewards[2].tolist() == pytest.approx([0.04, 0.0, -1.0, -1.0, 0.0])  # alive in 4 of 6 ticks
+    assert step.rewards[2].tolist() == pytest.approx([0.04, 0.0, -1.0, -1.0, 0.0, 0.0])  # alive in 4 of 6 ticks
 
 
 def test_the_end_of_a_match_ends_the_episode_of_all_its_lanes_at_once():
@@ -229,15 +229,15 @@ def test_at_the_limit_the_remaining_are_truncated_and_ranked_by_lives_then_kills
 
 def test_zero_sum_rewards_are_differences_to_the_mean_of_the_others_and_add_up_to_zero():
     games = [new_game(8, rewards=rewards, **SHORT) for rewards in ("zero_sum", "separate")]
-    totals = [np.zeros((32, 5)), np.zeros((32, 5))]
+    totals = [np.zeros((32, 6)), np.zeros((32, 6))]
     ended = np.zeros(8, bool)
     for steps in zip(*(play_at_random(game, 700) for game in games), strict=True):
         for total, step in zip(totals, steps, strict=True):
             total += np.where(np.repeat(ended, 4)[:, None], 0.0, step.rewards)
         ended |= (steps[0].terminated | steps[0].truncated).reshape(8, 4).any(axis=1)
     assert ended.all()
-    zero_sum, own = (total.reshape(8, 4, 5) for total in totals)
-    assert zero_sum.sum(axis=1) == pytest.approx(np.zeros((8, 5)), abs=1e-3)
+    zero_sum, own = (total.reshape(8, 4, 6) for total in totals)
+    assert zero_sum.sum(axis=1) == pytest.approx(np.zeros((8, 6)), abs=1e-3)
     assert zero_sum == pytest.approx(own - (own.sum(axis=1, keepdims=True) - own) / 3, abs=1e-3)
     assert np.sort(own[:, :, PLACEMENT]) == pytest.approx(np.tile([-1, -1 / 3, 1 / 3, 1], (8, 1)), abs=1e-6)
     assert own[:, :, DEATH].sum(axis=1).tolist() == [-3.0] * 8
@@ -387,9 +387,9 @@ def test_reset_begins_new_matches_and_with_a_seed_the_matches_of_that_seed():
 @pytest.mark.parametrize(
     ("players", "rules", "golden"),
     [
-        ("2", "original", "bc9e8258bac2d07de36e296de2c65d8d5812dfcb663dc55d8292f6570ff823fd"),
-        ("4", "original", "ceb3cefae83580863cc0ebece9e92c16ac9fb3f3832c9efde05289bcfa067647"),
-        ("8", "corrected", "0822c5b90d899e0b9f766242f44e30d8876a362256c1504852fb072e91e7e5df"),
+        ("2", "original", "16505d6aa9068b2fd73c41bc3630f6ed95f340ab2c87440b7dfd11c7085b7fdc"),
+        ("4", "original", "eeabda9b89cb4d902e70256fd71dab555f016a5690fcb952f16d1c16aed502da"),
+        ("8", "corrected", "b80511f5686cfba7f53c958ceda625adfc55e115022bb3eef12391f5a20c9a8e"),
     ],
 )
 def test_a_seeded_run_gives_the_same_bytes_on_every_machine(players, rules, golden):
@@ -398,7 +398,7 @@ def test_a_seeded_run_gives_the_same_bytes_on_every_machine(players, rules, gold
 
 
 def test_a_seeded_run_against_scripts_gives_the_same_bytes_on_every_machine():
-    golden = "503c22a6ab45c4c28142fbf6e6c0b7a36e58a657f7968496508c5c5072a2693c"
+    golden = "d7627e246eccbcb3ed9771b6f50787011cc1ed309b14d6733e83759ad7d6a313"
     assert digest(play_beside_scripts(new_game(5, **SHORT), 300)) == golden
 
 

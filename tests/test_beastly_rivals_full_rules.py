@@ -8,7 +8,7 @@ from joybridge.games.beastly_rivals_full import rules as r
 from joybridge.games.beastly_rivals_full.ball import throw
 from joybridge.games.beastly_rivals_full.beast import gap
 from joybridge.games.beastly_rivals_full.geometry import SEATS, inside, project, unit
-from joybridge.games.beastly_rivals_full.state import ARENA, HUNT, OVER, START, Rules
+from joybridge.games.beastly_rivals_full.state import ARENA, CHANNELS, HUNT, OVER, START, Rules
 from joybridge.simulator.randomness import open_streams, reserve
 
 ORIGINAL = Rules(True, True, True, True, False, 2, 2, 300, 150, 150)
@@ -29,7 +29,7 @@ class Scene:
             self.arenas[parameter] = 1.0
         r.begin_episodes(self.arenas, self.streams, self.rules, np.ones(1, bool))
         self.arena, self.beast, self.ball = self.arenas[0], self.arenas[0].beast, self.arenas[0].ball
-        self.gained = np.zeros((players, 5))
+        self.gained = np.zeros((players, CHANNELS))
         self.kill_tick = 0
         for i, seat in enumerate(seats or range(players)):
             self.put(i, *SEATS[seat])
@@ -401,7 +401,7 @@ def test_a_life_from_the_first_ball_to_the_revival():
     assert scene.arena.phase == START and scene.throw() == 300 and scene.arena.target == 0
     assert scene.catch() == 331 and scene.kill() == 415
     assert (scene[0].humiliations, scene[0].lives) == (1, 1) and scene.beast.z == near(24.5732)
-    assert scene.gained[0, 1:].tolist() == [0.0, -1.0, -1.0, 0.0]
+    assert scene.gained[0, 1 : r.BALL].tolist() == [0.0, -1.0, -1.0, 0.0]
     scene.to(714)
     assert not scene[0].alive and not scene.ball.flying
     scene.to(715)
@@ -428,6 +428,15 @@ def test_a_death_by_a_pass_is_credited_to_the_passer():
     scene.kill()
     assert [scene[i].kills for i in (0, 1)] == [1, 0] and scene[1].humiliations == 0
     assert scene.gained[:, r.KILL].tolist() == [1.0, 0.0] and scene.gained[:, r.DEATH].tolist() == [0.0, -1.0]
+
+
+def test_only_who_holds_the_ball_pays_for_it():
+    scene = Scene(bare=False)
+    scene.to(scene.catch() + 10)
+    holder = int(scene.arena.carrier)
+    paid = scene[holder].ticks_with_ball
+    assert paid >= 10 and scene.gained[holder, r.BALL] == pytest.approx(-0.01 * paid)
+    assert scene.gained[1 - holder, r.BALL] == 0.0
 
 
 def test_the_gap_is_that_to_the_box_behind_the_root():

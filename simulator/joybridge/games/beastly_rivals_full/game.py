@@ -75,6 +75,7 @@ CHANNELS = [
     channel("death", 0.5, "-1 per death"),
     channel("humiliation", 0.25, "-1 per death with a ball that no player threw"),
     channel("placement", 2.0, "when it is decided: from +1 for the winner down to -1 for who is out first"),
+    channel("ball", 0.0, "-0.01 per tick with the ball"),
 ]
 
 METRICS = [

@@ -28,8 +28,8 @@ TOP_SPEED = 120.0  # of a pointer, units/s
 POINTER_X, POINTER_Z = 47.0, 38.0  # largest distance of a pointer from the pitch's center
 REVIVAL_X, REVIVAL_Z = 45, 40  # players are revived at whole numbers from minus this to one less
 
-SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT = range(CHANNELS)
-SURVIVAL_REWARD = 0.01  # per tick
+SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT, BALL = range(CHANNELS)
+SURVIVAL_REWARD, BALL_REWARD = 0.01, -0.01  # per tick
 
 # Random numbers that one arena draws per call at most: seats, then those of one revival.
 MAX_DRAWS = (MAX_PLAYERS - 1) + 3
@@ -142,6 +142,8 @@ def tick(arena, streams, i, rules, gained):
         walk(arena, rules)
         follow_commands(arena, rules)
         charge(arena)
+        if arena.carrier >= 0:
+            gained[arena.carrier, BALL] += BALL_REWARD
         fly(arena)
         _throw_what_is_due(arena, rules)
         if arena.phase != HUNT and arena.phase_tick == arena.tick:

@@ -13,7 +13,7 @@ DECISION_TICKS = 6
 MAX_DECISIONS = 6000  # of an episode
 MAX_PLAYERS = 8
 MAX_LIVES = 9
-CHANNELS = 5  # of rewards, see rules.py
+CHANNELS = 6  # of rewards, see rules.py
 
 PLAYER_SPEED = 15.0  # units/s
 PLAYER_RADIUS = 2.0
