@@ -15,14 +15,6 @@ def export_refusal(config: Config, role: Role) -> str:
             "with `pointer: velocity` the trainer remembers where the pointer is, and exported files do not; "
             f"{IN_PYTHON}, or train it with axes that move the pointer"
         )
-    limits = [(key, value, default) for (key, value), (_, default) in zip(config.hand, HandConfig(), strict=True)]
-    if limited := [(key, value, default) for key, value, default in limits if value != default]:
-        trained = " ".join(f"hand.{key}={value}" for key, value, _ in limited)
-        free = " ".join(f"hand.{key}={default}" for key, _, default in limited)
-        return (
-            f"its hand is limited, {trained}, and exported files have none; {IN_PYTHON}, or export what it wants to "
-            f"do, without its hand, by adding {free}"
-        )
     if policy.network:
         return (
             f"it has a network of its own, {policy.network}, which no exported file can hold; {IN_PYTHON}, or train "
@@ -39,5 +31,13 @@ def export_refusal(config: Config, role: Role) -> str:
         return (
             f"axes are drawn from {names}, which cannot be exported; {IN_PYTHON}, or train it with another layout, "
             "such as squashed, hybrid or bucket-11"
+        )
+    defaults = dict(HandConfig())
+    if limited := {key: value for key, value in config.hand if value != defaults[key]}:
+        trained = " ".join(f"hand.{key}={value}" for key, value in limited.items())
+        free = " ".join(f"hand.{key}={defaults[key]}" for key in limited)
+        return (
+            f"its hand is limited, {trained}, and exported files have none; {IN_PYTHON}, or export what it wants to "
+            f"do, without its hand, by adding {free}"
         )
     return ""
