@@ -140,7 +140,7 @@ def _draw_payoff(tournament: Tournament) -> Figure:
     side = min(12.0, 2.5 + 0.5 * len(players))
     figure = Figure(figsize=(side + 1.5, side), layout="constrained")
     axes = figure.subplots()
-    image = axes.imshow(100 * share, cmap="RdBu", vmin=0, vmax=100)
+    image = axes.imshow(100 * share, cmap="RdBu", vmin=0, vmax=100, aspect="auto")  # else the layout cuts off labels
     for (row, column), value in np.ndenumerate(share) if len(players) <= MAX_NUMBERS else ():
         if not math.isnan(value):
             ink = "#ffffff" if abs(value - 0.5) > 0.3 else "#1f2328"
