@@ -17,7 +17,7 @@ from tests.support.own_layouts import ENTRY_POINTS, offer
 
 NAMES = (
     "hybrid", "bucket-2", "bucket-11", "bucket-8-mu", "joint-2", "joint-3-mu", "ordinal-5", "threshold-0.0",
-    "threshold-0.1", "threshold-0.5", "multiagent", "beta", "squashed, axis0=ordinal-3",
+    "threshold-0.1", "threshold-0.5", "multiagent", "beta", "squashed, axis0=ordinal-3", "gsde-4",
     "compass-8", "laplace", "hybrid, axis0=bucket-5-mu, branch1=threshold-0.0",
     "bucket-3, axis0=hybrid, branch0=joint-2", "map-5x3", "bucket-4, axis0=map-3x2-relative, axis1=map-3x2-relative",
 )  # fmt: skip

@@ -46,6 +46,7 @@ LAYOUTS = [
     "hybrid",
     "beta",
     "squashed",
+    "gsde-2",
     "bucket-5",
     "ordinal-5",
     "threshold-0.0",

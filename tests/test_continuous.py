@@ -9,11 +9,13 @@ from torch.distributions import AffineTransform, Normal, TanhTransform, Transfor
 
 from joybridge.config.errors import ConfigError
 from joybridge.layouts import CLIP
+from joybridge.layouts.layout import GAUSSIAN, GSDE
 from joybridge.ppo.continuous import (
     Distribution,
     entropies_of_each,
     load_distributions,
     log_probs_of_each,
+    noise_holds,
     sample_each,
 )
 from joybridge.ppo.continuous.beta import Beta
@@ -117,7 +119,26 @@ def test_several_actions_each_have_columns_and_parameters_of_their_own():
     assert np.abs(samples[:, :2].numpy()).max() <= CLIP
 
 
-@pytest.mark.parametrize("name", ["nowhere:Beta", "math:Beta", "os:environ"])
+def test_gsde_is_a_gaussian_whose_noise_is_linear_in_the_features():
+    gsde = load_distributions([f"{GSDE}-3"], 5)[0]
+    outputs, parameters = torch.randn(6, ROWS, dtype=torch.float64), torch.randn(5, dtype=torch.float64)
+    noise = torch.randn(5, 1, dtype=torch.float64).expand(5, ROWS)
+    samples = gsde.sample(outputs, parameters, noise)
+    linear = outputs[1:].t() @ (torch.exp(0.5 * parameters) * noise[:, 0])
+    torch.testing.assert_close(samples, outputs[0] + linear)
+    deviation = (outputs[1:].square().t() @ torch.exp(parameters)).sqrt()
+    same = Normal(outputs[0], deviation)
+    log_probs, entropies = gsde.log_prob(outputs, parameters, samples), gsde.entropy(outputs, parameters)
+    torch.testing.assert_close(log_probs, same.log_prob(samples), atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(entropies, same.entropy(), atol=1e-4, rtol=1e-4)
+
+
+def test_noise_is_kept_as_long_as_each_distribution_says():
+    distributions = load_distributions([GAUSSIAN, f"{GSDE}-3"], 2)
+    assert noise_holds(distributions).tolist() == [1, 3, 3]
+
+
+@pytest.mark.parametrize("name", ["nowhere:Beta", "math:Beta", "os:environ", "joybridge.ppo.continuous.beta:Beta-2"])
 def test_a_distribution_that_is_not_there_is_named(name):
     with pytest.raises(ConfigError, match=f"layout: the distribution '{name}' cannot be loaded: "):
-        load_distributions([name])
+        load_distributions([name], 4)

@@ -154,7 +154,8 @@ def test_ordinal_log_probs_and_entropies_are_those_of_tang_and_agrawal():
     observations = torch.randn(64, 6, generator=torch.Generator().manual_seed(3))
     with torch.no_grad():
         network.actor.head.weight *= 30.0
-        raw, logits = network.actor(observations)[0], network(Observations(observations)).logits
+        raw = network.actor.head(network.actor(observations)[0])
+        logits = network(Observations(observations)).logits
     below, beyond = (torch.nn.functional.logsigmoid(sign * raw[:, :5]) for sign in (1, -1))
     ordinal = torch.stack([below[:, : j + 1].sum(1) + beyond[:, j + 1 :].sum(1) for j in range(5)], 1)
     truth = [Categorical(logits=ordinal), Categorical(logits=raw[:, 5:8])]

@@ -82,6 +82,7 @@ class Identity:
         "ordinal-7",
         "beta",
         "squashed",
+        "gsde-4",
         "bucket-7, y=hybrid, a=threshold-0.0",
     ],
 )

@@ -16,6 +16,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import Codec, StepArrays, pack_act
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import make_actors
+from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.policy import Policy
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.fast.kernels import draw_noise
@@ -100,6 +101,25 @@ def test_compiled_code_calls_no_python_code_in_which_an_interrupt_would_end_the_
             finally:
                 sys.setprofile(None)
     assert not calls
+
+
+def test_who_plays_keeps_its_noise_for_as_many_decisions_as_the_layout_says():
+    started = Session(load_games(PLACES)).answer(pb.PlayRequest(start=pb.Start(game="hybrid", arenas=2))).started
+    (actor,) = make_actors(small("gsde-3, x=hybrid", autograd=False, game="hybrid"), started.spec)
+    step = Codec(started.spec.behaviors[0], 2).unpack_step(started.step.behaviors[0])
+    acts = make_acts(started.spec, 2)
+    player, drawn = PolicyPlayer(actor, 2, 0, deterministic=False), []
+    player.begin(step)
+    for _ in range(6):
+        player.act(step, acts[0])
+        drawn.append(player.noise.normal)
+    holds = actor.network.noise_holds
+    assert holds.tolist() == [1] + 16 * [3]
+    for t, numbers in enumerate(drawn):
+        np.testing.assert_array_equal(numbers[:, 1:], drawn[t - t % 3][:, 1:])
+    assert len({numbers.tobytes() for numbers in drawn}) == 6 and len({n[:, 1:].tobytes() for n in drawn}) == 2
+    player.act(step, acts[0], np.array([1]))
+    assert player.noise.normal.shape == (1, 17)
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "ordinal-5", "threshold-0.0", "multiagent"])

@@ -167,3 +167,13 @@ def test_a_group_without_masks_allows_everything():
     masks_of(rollout, [[True, False]], group=1)
     assert rollout.masks is not None and rollout.masks.shape == (4, 2, 1, 2)
     assert (rollout.masks[0, 0] == 0).all() and rollout.masks[0, 1].tolist() == [[0.0, FORBIDDEN]]
+
+
+def test_noise_is_kept_for_as_many_decisions_as_it_is_to_be():
+    rollout = make_rollout(steps=7)
+    rollout.draw_noise(np.random.default_rng(5), np.array([1, 3]))
+    own, kept = rollout.noise.normal.transpose(2, 0, 1)
+    assert len(np.unique(own)) == own.size and len(np.unique(kept)) == 3 * LANES
+    np.testing.assert_array_equal(kept[:6].reshape(2, 3, LANES), kept[[0, 3], None].repeat(3, 1))
+    rollout.draw_noise(np.random.default_rng(5), np.array([1, 1]))
+    np.testing.assert_array_equal(rollout.noise.normal[:, :, 0], own)

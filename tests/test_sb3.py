@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
@@ -22,6 +23,7 @@ from joybridge.config.config import Config, load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
+from joybridge.ppo.continuous.gsde import GSDE
 from joybridge.run.origin import run_origins
 
 SMALL = (
@@ -54,6 +56,26 @@ def test_entropy_is_the_sum_over_axes_there(entropy, coefficient):
     config = load_config(find_config("classic/lunarlander_continuous"), [f"policy.entropy={entropy}"])
     two_axes: Any = SimpleNamespace(action_space=Box(-1.0, 1.0, (2,)))
     assert arguments_of(config, two_axes)["ent_coef"] == coefficient
+
+
+def test_gsde_explores_as_it_does_there():
+    """The same features, coefficients and samples have the same log-probabilities and entropies."""
+    env = make_vec_env("Pendulum-v1", 1)
+    arguments = arguments_of(load_config(find_config("classic/pendulum"), ["seed=3"]), env)
+    assert arguments["use_sde"] and arguments["sde_sample_freq"] == 4
+    policy: Any = PPO("MlpPolicy", env, **arguments).policy
+    seen = torch.rand(6, 3, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        features = policy.mlp_extractor.forward_actor(policy.extract_features(seen))
+        policy.reset_noise(6)
+        theirs = policy.get_distribution(seen)
+        samples = theirs.get_actions()
+        gsde, log_variance = GSDE(4, 64), 2.0 * policy.log_std[:, 0]
+        outputs = torch.cat([policy.action_net(features).t(), features.t()])
+        noise = (theirs.exploration_matrices[:, :, 0] / torch.exp(policy.log_std[:, 0])).t()
+        torch.testing.assert_close(gsde.sample(outputs, log_variance, noise), samples[:, 0])
+        torch.testing.assert_close(gsde.log_prob(outputs, log_variance, samples[:, 0]), theirs.log_prob(samples))
+        torch.testing.assert_close(gsde.entropy(outputs, log_variance), theirs.entropy())
 
 
 @pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])
@@ -104,9 +126,7 @@ def test_what_could_not_be_trained_there_is_refused_before_anything_is_trained()
         ConfigError, match=f"takes actions of Box, Discrete, .*, and those of {own} are of Dict; flatten"
     ):
         beside([Variant("a", Config(game="Mixed-v0", preset="sb3"))], "sb3", [f"gym:{own}"])
-    with pytest.raises(
-        ConfigError, match="as the layout hybrid does, not as bucket-5; compare layouts without --beside"
-    ):
+    with pytest.raises(ConfigError, match="as the layouts hybrid and gsde-N do, not as bucket-5; compare layouts"):
         beside([Variant("a", Config(game="CartPole-v1", preset="sb3", layout="bucket-5"))], "sb3")
     with pytest.raises(ConfigError, match="cannot be set to this frame_stack, "):
         beside([Variant("a", Config(game="CartPole-v1"))], "sb3")

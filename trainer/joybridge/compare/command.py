@@ -105,7 +105,7 @@ def _add_variants(group: argparse._ArgumentGroup) -> None:
         help="train each variant also with PPO of Stable-Baselines3, on the same environment of Gymnasium",
     )
     group.add_argument(
-        "--ppo", default="{}", metavar="JSON", help="further arguments of that PPO, as in '{\"use_sde\": true}'"
+        "--ppo", default="{}", metavar="JSON", help="further arguments of that PPO, as in '{\"clip_range_vf\": 0.2}'"
     )
     group.add_argument(
         "--suite", choices=SUITES, help="compare on all tasks of a suite instead of one configuration, on one page"

@@ -8,6 +8,7 @@ The folder of the run gets the same file of metrics as one of our runs, and the 
 import argparse
 import json
 import math
+import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -81,10 +82,10 @@ def train(options: argparse.Namespace) -> None:
 def check_config(config: Config) -> None:
     """Raise ConfigError for what a configuration says and no argument of PPO means."""
     policy = config.policy
-    if config.layout != "hybrid":
+    if config.layout != "hybrid" and not re.fullmatch("gsde-[0-9]+", config.layout):
         raise ConfigError(
-            f"PPO of Stable-Baselines3 acts in the spaces of the environment, as the layout hybrid does, not as "
-            f"{config.layout}; compare layouts without --beside"
+            f"PPO of Stable-Baselines3 acts in the spaces of the environment, as the layouts hybrid and gsde-N do, not "
+            f"as {config.layout}; compare layouts without --beside"
         )
     fits = {
         "policies": not config.policies,
@@ -128,7 +129,10 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         kwargs["log_std_init"] = policy.log_std_init + math.log(half / 3)  # there in units of the action
         if policy.entropy == "mean":  # there it is always the sum over axes
             entropy_coef /= math.prod(env.action_space.shape)
+    hold = config.layout.partition("gsde-")[2]
     return {
+        "use_sde": hold != "",
+        "sde_sample_freq": int(hold or -1),
         "n_steps": policy.rollout_steps,
         "batch_size": policy.minibatch_size,
         "n_epochs": policy.epochs,

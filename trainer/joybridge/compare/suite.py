@@ -42,7 +42,7 @@ def compare_suite(options: argparse.Namespace, compare: Callable[[Namespace], in
         given.overrides = [*task.overrides, *options.overrides]
         if not (options.layouts or options.set or options.change):  # then these are what varies
             given.layouts, given.change = [*task.layouts], [*task.changes]
-        given.metric, given.beside, given.ppo = task.scored, suite.beside, task.ppo
+        given.metric, given.beside = task.scored, suite.beside
         if task.gym and not options.simulator:
             given.game = [f"gym:{task.gym}"]
         try:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 from joybridge.config.metrics import HELD_OUT
 
 ALL_IN_THE_LOSS = "policy.only_with=false"  # of tasks whose choices have parameters of their own
-STATE_DEPENDENT = '{"use_sde": true, "sde_sample_freq": 4}'  # exploration of Stable-Baselines3 that we have not
 
 
 class Task(NamedTuple):
@@ -19,7 +18,6 @@ class Task(NamedTuple):
     metric: str = "reward"  # of the episodes at the end, with the most probable actions
     aim: str = ""  # what is good, for people
     gym: str = ""  # the environment, if the game is one
-    ppo: str = "{}"  # further arguments of PPO in Stable-Baselines3, JSON
 
     @property
     def scored(self) -> str:
@@ -64,7 +62,7 @@ SUITES = {
         {
             "cartpole": Task("classic/cartpole", gym="CartPole-v1"),
             "acrobot": Task("classic/acrobot", gym="Acrobot-v1"),
-            "pendulum": Task("classic/pendulum", gym="Pendulum-v1", ppo=STATE_DEPENDENT),
+            "pendulum": Task("classic/pendulum", gym="Pendulum-v1"),
             "lunarlander": Task("classic/lunarlander", gym="LunarLander-v3"),
             "lunarlander_continuous": Task("classic/lunarlander_continuous", gym="LunarLanderContinuous-v3"),
             "bipedalwalker": Task("classic/bipedalwalker", gym="BipedalWalker-v3"),

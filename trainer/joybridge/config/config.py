@@ -116,8 +116,8 @@ class Config(Checked):
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
-        "squashed, threshold-T, map-WxH, multiagent, one of an installed package, or MODULE:NAME-SETTING; after "
-        "commas, NAME=LAYOUT for an axis, a branch or a behavior",
+        "squashed, gsde-N, threshold-T, map-WxH, multiagent, one of an installed package, or MODULE:NAME-SETTING; "
+        "after commas, NAME=LAYOUT for an axis, a branch or a behavior",
     )
     arenas: int = Field(75, ge=1, le=2**20, description="copies of the game that are played at once")
     pipeline_groups: int = Field(

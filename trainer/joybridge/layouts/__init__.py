@@ -9,6 +9,7 @@ The paper compares such mappings. Each works on the device of any spec, knows no
     joint-N       one branch: all combinations of N values per axis and of the choices of all branches
     beta          as hybrid, with a beta distribution for every axis
     squashed      as hybrid, with a Gaussian that tanh squashes for every axis
+    gsde-N        as hybrid, with noise that depends on the state and is kept for N decisions
     map-WxH       two axes one branch: a place in an image that the policy sees
     threshold-T   every axis and every button a Gaussian; a button is pressed by a threshold
     multiagent    two policies: one holds the axes, one the buttons

@@ -15,9 +15,9 @@ from functools import cache
 from joybridge.config.errors import ConfigError, DeviceError, SettingError
 from joybridge.config.own_names import load_own
 from joybridge.contract.text import printable
-from joybridge.layouts.bounded import beta, squashed
 from joybridge.layouts.bucket import bucket
 from joybridge.layouts.check import check_layouts
+from joybridge.layouts.continuous import beta, gsde, squashed
 from joybridge.layouts.hybrid import hybrid
 from joybridge.layouts.joint import joint
 from joybridge.layouts.layout import Layout
@@ -43,6 +43,7 @@ KINDS: dict[str, Maker] = {
     "ordinal": ordinal,
     "beta": beta,
     "squashed": squashed,
+    "gsde": gsde,
     "map": point_map,
 }
 FORMS = (
@@ -57,6 +58,7 @@ FORMS = (
     "ordinal-N-mu",
     "beta",
     "squashed",
+    "gsde-N",
     "map-WxH",
     "map-WxH-relative",
 )

@@ -19,6 +19,7 @@ from joybridge.v1 import bridge_pb2 as pb
 CLIP = 3.0  # samples beyond ±CLIP act like ±CLIP
 GAUSSIAN = "joybridge.ppo.continuous.gaussian:Gaussian"  # beside other distributions
 SQUASHED = "joybridge.ppo.continuous.squashed:Squashed"
+GSDE = "joybridge.ppo.continuous.gsde:GSDE"  # followed by for how many decisions noise is kept
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ class AxisRange:
     axis: int
     low: float
     high: float
-    distribution: str = ""  # "module:Class" of a `Distribution` (ppo/continuous); "": a Gaussian
+    distribution: str = ""  # the name of a `Distribution` (ppo/continuous); "": a Gaussian
 
 
 @dataclass(frozen=True)

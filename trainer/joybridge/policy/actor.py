@@ -146,9 +146,10 @@ class Actor:
     @cached_property
     def _compiled(self) -> tuple[Array, NetworkShape] | None:
         """The parameters as compiled functions take them, None where PyTorch computes the network."""
-        if self.network.encoders or self.network.state_size or self.accelerator.type != "cpu":
+        network = self.network
+        if network.encoders or network.state_size or network.shown or self.accelerator.type != "cpu":
             return None
-        return flatten_parameters(self.network).detach().numpy(), shape_of(self.network)
+        return flatten_parameters(network).detach().numpy(), shape_of(network)
 
     def state(self) -> dict[str, Array]:
         """Return copies of the parameters, and of what scales observations, for a checkpoint."""

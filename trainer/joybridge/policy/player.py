@@ -9,7 +9,7 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import Stacks
 from joybridge.ppo.distributions import fill_masks
-from joybridge.ppo.fast.kernels import draw_noise
+from joybridge.ppo.fast.kernels import Noise, draw_noise
 from joybridge.ppo.observation import Observation
 
 
@@ -22,6 +22,7 @@ class PolicyPlayer:
         self.name, self.behavior, self.seed = actor.name, actor.behavior, actor.seed
         self.lanes = lanes
         self.rng = np.random.default_rng([seed, actor.seed])
+        self._acts = 0  # decisions so far
         self._stack = Stacks(actor.encoder, lanes, actor.config.frame_stack)
         self._past = np.zeros((lanes, actor.past.size), np.float32)
         size = actor.network.state_size
@@ -55,13 +56,23 @@ class PolicyPlayer:
         lanes, layout, space = len(own.choices), self.actor.layout, self.actor.layout.space
         masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
         fill_masks(None if allowed is None else layout.masks(allowed), masks)
-        self.noise = draw_noise(self.rng, (lanes, space.continuous), (lanes, len(space.branches)))
+        self.noise = self._draw_noise(lanes)
         acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic)
         acted = acted.of_deciding(seen, None if step.deciding is None else step.deciding[where])
         layout.write(acted.action.continuous, acted.action.discrete, own, allowed)
         act.axes[where], act.choices[where] = own.axes, own.choices
         if self._memory is not None:
             self._memory[where] = acted.memory
+
+    def _draw_noise(self, lanes: int) -> Noise:
+        """Return the noise of the next decision, some of which may be kept from the one before in as many lanes."""
+        holds = self.actor.network.noise_holds
+        drawn = draw_noise(self.rng, (lanes, len(holds)), (lanes, len(self.actor.layout.space.branches)))
+        kept = self._acts % holds > 0
+        self._acts += 1
+        if kept.any() and len(self.noise.normal) == lanes:
+            return drawn._replace(normal=np.where(kept, self.noise.normal, drawn.normal))
+        return drawn
 
     def note(self, step: StepArrays, act: ActArrays, held: Array | None = None) -> None:
         """Take what all who play chose for the devices, in some lanes or in all."""

@@ -155,7 +155,7 @@ class Policy:
 
     def _begin_rollout(self) -> None:
         """Draw the noise of the present rollout, and fix which share of penalties does not count in it."""
-        self.rollout.draw_noise(self._rng(SAMPLES))
+        self.rollout.draw_noise(self._rng(SAMPLES), self.actor.network.noise_holds)
         timesteps, ramp = self.updates * self.config.rollout_steps * self.lanes, self.config.penalty_ramp
         self._eased = np.float32((1.0 - FIRST_SHARE) * max(0.0, 1.0 - timesteps / ramp) if ramp else 0.0)
 

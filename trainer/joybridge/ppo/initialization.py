@@ -7,7 +7,7 @@ import torch
 from torch import nn
 
 from joybridge.config.errors import ConfigError
-from joybridge.layouts.layout import GAUSSIAN, SQUASHED
+from joybridge.layouts.layout import GAUSSIAN, GSDE, SQUASHED
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.networks import Network
 
@@ -36,14 +36,16 @@ def orthogonal(network: Network, seed: int) -> None:
 def set_log_std(network: Network, log_std: float | Mapping[str, float], names: Sequence[str]) -> None:
     """Set the deviations that Gaussians begin with, squashed ones included, to the exponential of `log_std`.
 
-    names: what the continuous actions act on. Raises ConfigError for a name with none.
+    With `gsde-N`, these are the deviations of the coefficients. names: what the continuous actions act on. Raises
+    ConfigError for a name with none.
     """
     kinds = network.space.distributions or [GAUSSIAN] * len(names)
     counts = [each.parameters for each in network.distributions] or [1] * len(names)
-    ends = torch.tensor(counts).cumsum(0).tolist()
-    known = {name: end - 1 for name, kind, end in zip(names, kinds, ends, strict=True) if kind in (GAUSSIAN, SQUASHED)}
+    parts = torch.split(network.log_variance, counts)
+    gaussian = (GAUSSIAN, SQUASHED, GSDE)
+    known = {n: part for n, kind, part in zip(names, kinds, parts, strict=True) if kind.partition("-")[0] in gaussian}
     given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(known, log_std)
     for name, value in given.items():
         if name not in known:
             raise ConfigError(f"log_std_init: {name!r} has no Gaussian; there are {', '.join(known) or 'none'}")
-        network.log_variance[known[name]] = 2.0 * value
+        known[name].fill_(2.0 * value)

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from joybridge.layouts import ActionSpace
 from joybridge.ppo.activations import ACTIVATIONS
-from joybridge.ppo.continuous import load_distributions
+from joybridge.ppo.continuous import features_of, load_distributions, noise_holds
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.distributions import FORBIDDEN
 from joybridge.ppo.memory import Memory, Recall
@@ -23,14 +24,14 @@ class Outputs(NamedTuple):
     """The outputs of the network for a batch of observations."""
 
     logits: Tensor  # [lanes, branches, widest]
-    mean: Tensor  # [lanes, continuous]; with other distributions than Gaussians the outputs of each, side by side
+    mean: Tensor  # [lanes, continuous]; with other distributions than Gaussians what each gets, side by side
     value: Tensor  # [lanes]
 
 
 class Heads(NamedTuple):
     """The outputs of a network before they are taken apart."""
 
-    outputs: Tensor  # [lanes, columns], of the actor, without mask and bias
+    outputs: Tensor  # [lanes, columns], of the actor, without mask and bias; last, features that distributions see
     value: Tensor  # [lanes]
     memory: Tensor | None  # [sequences, state_size]: the states after this; None: a network without memory
 
@@ -51,7 +52,8 @@ class Tower(nn.Module):
         self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.memory = None if memory is None else Memory(memory.kind, sizes[-1], memory.size)
-        self.head = nn.Linear(sizes[-1] if memory is None else memory.size, outputs, bias=False)
+        self.features = sizes[-1] if memory is None else memory.size  # that the head gets
+        self.head = nn.Linear(self.features, outputs, bias=False)
 
     @property
     def layers(self) -> list[nn.Linear]:
@@ -59,14 +61,14 @@ class Tower(nn.Module):
         return [layer for layer in self.hidden if isinstance(layer, nn.Linear)]
 
     def forward(self, features: Tensor, recall: Recall | None = None) -> tuple[Tensor, Tensor | None]:
-        """Return the head's outputs [rows, outputs], and the states of its memory, if it has one."""
+        """Return what the head gets, [rows, features], and the states of its memory, if it has one."""
         for layer in self.hidden:
             features = self.activation(layer(features))
         if self.memory is None:
-            return self.head(features), None
+            return features, None
         assert recall is not None
         features, states = self.memory(features, recall)
-        return self.head(features), states
+        return features, states
 
 
 class Towers(NamedTuple):
@@ -117,11 +119,14 @@ class Network(nn.Module):
             pad[branch, size:] = FORBIDDEN
         self.register_buffer("pad", pad, persistent=False)
         sizes = [encoders[0].features if encoders else observation, *hidden]
-        self.distributions = load_distributions(space.distributions)
+        self.distributions = load_distributions(space.distributions, memory.size if memory else sizes[-1])
         self._continuous, free = space.continuous, space.continuous  # outputs and parameters of continuous actions
+        self.noise_holds = np.ones(space.continuous, np.int64)  # see the function of this name
         if self.distributions:
+            self.noise_holds = noise_holds(self.distributions)
             self._continuous = sum(each.outputs for each in self.distributions)
             free = sum(each.parameters for each in self.distributions)
+        self.shown = max(map(features_of, self.distributions), default=0)  # features that distributions see
         columns = pad.numel() + self._continuous + shared
         self.register_buffer("sums", ordinal_sums(space, columns), persistent=False)
         self.pointers = None
@@ -170,15 +175,18 @@ class Network(nn.Module):
         encoded = [encoder(observations) for encoder in self.encoders]
         features = [each.features for each in encoded] or [observations.numbers]
         first, second = self._recalls(observations.recall)
-        outputs, memory = self.actor(features[0], first)
-        value = outputs
+        seen, memory = self.actor(features[0], first)
+        value = outputs = self.actor.head(seen)
         if self.critic is not None:
-            value, other = self.critic(features[-1], second)
+            other_seen, other = self.critic(features[-1], second)
+            value = self.critic.head(other_seen)
             memory = None if memory is None else torch.cat([memory, other], dim=1)
         if self.pointers is not None:
             outputs = self.pointers(outputs, encoded[0].maps)
         if self.sums is not None:
             outputs = outputs @ self.sums
+        if self.shown:
+            outputs = torch.cat([outputs, seen.detach()], dim=1)
         return Heads(outputs, value[:, -1] + self.value_bias, memory)
 
     def _recalls(self, recall: Recall | None) -> tuple[Recall | None, Recall | None]:
@@ -196,7 +204,8 @@ class Network(nn.Module):
 
     def continuous(self, outputs: Tensor) -> Tensor:
         """Return the means, or what other distributions get, from the outputs of `heads`."""
-        return outputs[:, self.pad.numel() : self.pad.numel() + self._continuous] + self.mean_bias
+        means = outputs[:, self.pad.numel() : self.pad.numel() + self._continuous] + self.mean_bias
+        return torch.cat([means, outputs[:, -self.shown :]], dim=1) if self.shown else means
 
 
 def ordinal_sums(space: ActionSpace, columns: int) -> Tensor | None:

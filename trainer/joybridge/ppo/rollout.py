@@ -80,9 +80,13 @@ class RolloutBuffer:
             self.memory[0, lanes] = 0.0
         self.deciding[0, lanes] = True if deciding is None else deciding
 
-    def draw_noise(self, rng: np.random.Generator) -> None:
-        """Draw the random numbers of all decisions."""
-        self.noise = draw_noise(rng, self.continuous.shape, self.discrete.shape)
+    def draw_noise(self, rng: np.random.Generator, holds: Array) -> None:
+        """Draw the random numbers of all decisions. holds [numbers]: for how many decisions each normal one is kept."""
+        self.noise = draw_noise(rng, (*self.continuous.shape[:2], len(holds)), self.discrete.shape)
+        if (holds > 1).any():
+            rows = np.arange(len(self.continuous))[:, None]
+            kept = np.take_along_axis(self.noise.normal, (rows - rows % holds)[:, None], axis=0)
+            self.noise = self.noise._replace(normal=kept)
 
     def present(self, group: int = 0) -> Observation:
         """Return what a group's next decision is based on."""

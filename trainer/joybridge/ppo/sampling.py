@@ -31,7 +31,7 @@ def sample_actions(
     sample(outputs.numpy(force=True), head, NO_MASKS if masks is None else masks, noise, deterministic, action)
     if not network.distributions:
         return action
-    normal = torch.from_numpy(np.zeros_like(noise.normal) if deterministic else noise.normal)
+    normal = torch.zeros(len(outputs), len(network.noise_holds)) if deterministic else torch.from_numpy(noise.normal)
     given = network.distributions, network.continuous(outputs).cpu(), network.log_variance.cpu()
     samples = sample_each(*given, normal)
     log_probs = action.log_probs + log_probs_of_each(*given, samples).numpy()

@@ -1,9 +1,13 @@
-"""The layouts `beta` and `squashed`: axes whose distributions have the bounds of the axis, so nothing is clipped."""
+"""The layouts `beta`, `squashed` and `gsde-N`: as hybrid, with another distribution than a Gaussian for every axis."""
+
+import re
 
 from joybridge.config.errors import SettingError
 from joybridge.layouts.hybrid import hybrid, ranges
-from joybridge.layouts.layout import SQUASHED, Layout
+from joybridge.layouts.layout import GSDE, SQUASHED, Layout
 from joybridge.v1 import bridge_pb2 as pb
+
+MAX_HOLD = 1_000_000  # decisions
 
 
 def beta(device: pb.Device, setting: str = "") -> Layout:
@@ -14,6 +18,13 @@ def beta(device: pb.Device, setting: str = "") -> Layout:
 def squashed(device: pb.Device, setting: str = "") -> Layout:
     """As hybrid, with a Gaussian that tanh squashes for every axis (Haarnoja et al. 2018)."""
     return _hybrid("squashed", SQUASHED, device, setting)
+
+
+def gsde(device: pb.Device, setting: str) -> Layout:
+    """As hybrid, with noise that depends on the state, and is kept for N decisions (Raffin et al. 2021)."""
+    if not re.fullmatch("[0-9]{1,7}", setting) or not 1 <= int(setting) <= MAX_HOLD:
+        raise SettingError(f"expected gsde-N with N in 1..{MAX_HOLD}, the decisions that noise is kept for")
+    return Layout(ranges(device, f"{GSDE}-{int(setting)}"), hybrid(device).discrete)
 
 
 def _hybrid(kind: str, distribution: str, device: pb.Device, setting: str) -> Layout:
