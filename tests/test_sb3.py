@@ -70,12 +70,12 @@ def test_gsde_explores_as_it_does_there():
         policy.reset_noise(6)
         theirs = policy.get_distribution(seen)
         samples = theirs.get_actions()
-        gsde, log_variance = GSDE(4, 64), 2.0 * policy.log_std[:, 0]
+        gsde, log_std = GSDE(4, 64), policy.log_std[:, 0]
         outputs = torch.cat([policy.action_net(features).t(), features.t()])
-        noise = (theirs.exploration_matrices[:, :, 0] / torch.exp(policy.log_std[:, 0])).t()
-        torch.testing.assert_close(gsde.sample(outputs, log_variance, noise), samples[:, 0])
-        torch.testing.assert_close(gsde.log_prob(outputs, log_variance, samples[:, 0]), theirs.log_prob(samples))
-        torch.testing.assert_close(gsde.entropy(outputs, log_variance), theirs.entropy())
+        noise = (theirs.exploration_matrices[:, :, 0] / torch.exp(log_std)).t()
+        torch.testing.assert_close(gsde.sample(outputs, log_std, noise), samples[:, 0])
+        torch.testing.assert_close(gsde.log_prob(outputs, log_std, samples[:, 0]), theirs.log_prob(samples))
+        torch.testing.assert_close(gsde.entropy(outputs, log_std), theirs.entropy())
 
 
 @pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])

@@ -42,10 +42,15 @@ def set_log_std(network: Network, log_std: float | Mapping[str, float], names: S
     kinds = network.space.distributions or [GAUSSIAN] * len(names)
     counts = [each.parameters for each in network.distributions] or [1] * len(names)
     parts = torch.split(network.log_variance, counts)
-    gaussian = (GAUSSIAN, SQUASHED, GSDE)
-    known = {n: part for n, kind, part in zip(names, kinds, parts, strict=True) if kind.partition("-")[0] in gaussian}
+    scales = {GAUSSIAN: 2.0, SQUASHED: 2.0, GSDE: 1.0}  # of the first two, parameters are log-variances
+    known = {
+        name: (part, scales[place])
+        for name, kind, part in zip(names, kinds, parts, strict=True)
+        if (place := kind.partition("-")[0]) in scales
+    }
     given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(known, log_std)
     for name, value in given.items():
         if name not in known:
             raise ConfigError(f"log_std_init: {name!r} has no Gaussian; there are {', '.join(known) or 'none'}")
-        known[name].fill_(2.0 * value)
+        part, scale = known[name]
+        part.fill_(scale * value)

@@ -20,12 +20,12 @@ class GSDE:
     def __init__(self, hold: int, features: int) -> None:
         """Keep the coefficients for `hold` decisions. features: of the last hidden layer."""
         self.hold = hold
-        self.parameters = self.features = features  # parameters: the log-variance of each coefficient
+        self.parameters = self.features = features  # parameters: the log-deviation of each coefficient
         self._inner = Gaussian()
 
     def sample(self, outputs: Tensor, parameters: Tensor, noise: Tensor) -> Tensor:
         """Return mean + features x coefficients. noise [features, n]."""
-        return outputs[0] + _sum(outputs[1:] * torch.exp(0.5 * parameters)[:, None] * noise)
+        return outputs[0] + _sum(outputs[1:] * torch.exp(parameters)[:, None] * noise)
 
     def log_prob(self, outputs: Tensor, parameters: Tensor, samples: Tensor) -> Tensor:
         """Return the log-density of each sample."""
@@ -37,7 +37,7 @@ class GSDE:
 
 
 def _log_variance(outputs: Tensor, parameters: Tensor) -> Tensor:
-    return torch.log(_sum(outputs[1:].square() * torch.exp(parameters)[:, None]) + LEAST_VARIANCE)
+    return torch.log(_sum(outputs[1:].square() * torch.exp(2.0 * parameters)[:, None]) + LEAST_VARIANCE)
 
 
 def _sum(columns: Tensor) -> Tensor:
