@@ -71,6 +71,12 @@ def test_deviations_begin_by_the_names_of_axes(layout):
     assert begun[-1 if "beta" in layout else actor.gaussians.index("y")] == -1.0 and sum(map(bool, begun)) == 1
 
 
+def test_the_deviations_of_gsde_are_those_of_its_coefficients():
+    (actor,) = make_actors(Config(game="still", layout="gsde-2", policy=PolicyConfig(log_std_init={"y": 0.5})), SPEC)
+    features = actor.network.shown
+    assert actor.network.log_variance.tolist() == features * [0.0] + features * [0.5] and features == 100
+
+
 @pytest.mark.parametrize(("layout", "known"), [("hybrid", "x, y"), ("beta", "none"), ("bucket-5", "none")])
 def test_a_deviation_of_what_has_no_gaussian_is_refused(layout, known):
     policy = PolicyConfig(log_std_init={"jump": 1.0})
