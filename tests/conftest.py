@@ -1,8 +1,10 @@
 """What tests share: a real server process, with the tests' own games."""
 
 import gc
+import logging
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,6 +12,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from joybridge.client.launch import simulator_process
+from joybridge.conformance.rules import sessions
+from tests.support.broken_servers import BrokenServer, serving
 from tests.support.games import PLACES
 
 GYM_PLACES = [f"tests.support.gym_games:{name}" for name in ("Brief", "Turns", "Chase", "Gallery")]
@@ -72,6 +76,34 @@ def make(gym_simulator: str) -> Iterator[Callable[..., Any]]:
     yield make
     for environment in made:
         environment.close()
+
+
+@pytest.fixture(scope="module")
+def correct() -> Iterator[str]:
+    """Yield the address of a server without faults."""
+    with serving(BrokenServer(set())) as address:
+        yield address
+
+
+@pytest.fixture
+def quiet_servers(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Keep the servers of this process from logging what they refuse, and abandon no more sessions than it takes."""
+    monkeypatch.setattr(sessions, "ABANDONED", 2 * sessions.MANY_SESSIONS)
+    logging.disable(logging.CRITICAL)
+    yield
+    logging.disable(logging.NOTSET)
+
+
+@pytest.fixture(scope="module")
+def other_package(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Install a package with the layouts `compass` and `laplace`."""
+    from tests.support.own_layouts import ENTRY_POINTS, offer  # imported here because most tests need no torch
+
+    folder = tmp_path_factory.mktemp("packages")
+    offer(folder, "compass", ENTRY_POINTS)
+    sys.path.append(str(folder))
+    yield
+    sys.path.remove(str(folder))
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Layouts map every policy action to a legal device action, for any device."""
 
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -13,7 +11,6 @@ from joybridge.layouts import CLIP, ActionSpace, Layout, make_layouts
 from joybridge.layouts.bucket import bucket
 from joybridge.layouts.threshold import threshold
 from joybridge.v1 import bridge_pb2 as pb
-from tests.support.own_layouts import ENTRY_POINTS, offer
 
 NAMES = (
     "hybrid", "bucket-2", "bucket-11", "bucket-8-mu", "joint-2", "joint-3-mu", "ordinal-5", "threshold-0.0",
@@ -23,14 +20,7 @@ NAMES = (
 )  # fmt: skip
 
 
-@pytest.fixture(autouse=True, scope="module")
-def other_package(tmp_path_factory):
-    """Install a package with the layout `compass`."""
-    folder = tmp_path_factory.mktemp("packages")
-    offer(folder, "compass", ENTRY_POINTS)
-    sys.path.append(str(folder))
-    yield
-    sys.path.remove(str(folder))
+pytestmark = pytest.mark.usefixtures("other_package")
 
 
 def make_device(axes: list[tuple[float, float]], branches: list[int]) -> pb.Device:

@@ -1,7 +1,6 @@
 """The conformance kit: correct servers pass every check, and each broken server fails the right ones."""
 
 import json
-import logging
 import re
 import subprocess
 import sys
@@ -56,20 +55,7 @@ FAMILIES_OF_GAMES = [
 SECONDS = 10.0
 
 
-@pytest.fixture(autouse=True)
-def _quiet(monkeypatch):
-    """Keep the servers of this process from logging what they refuse, and abandon no more sessions than it takes."""
-    monkeypatch.setattr(sessions, "ABANDONED", 2 * sessions.MANY_SESSIONS)
-    logging.disable(logging.CRITICAL)
-    yield
-    logging.disable(logging.NOTSET)
-
-
-@pytest.fixture(scope="module")
-def correct():
-    """Yield the address of a server without faults."""
-    with serving(BrokenServer(set())) as address:
-        yield address
+pytestmark = pytest.mark.usefixtures("quiet_servers")
 
 
 def failed(results, outcome=FAILED):

@@ -1,6 +1,5 @@
 """The command `joybridge check`: what is selected, printed, written and refused."""
 
-import logging
 import re
 import socket
 import subprocess
@@ -14,7 +13,7 @@ import pytest
 from joybridge.conformance.__main__ import main
 from joybridge.conformance.expectations import Violation
 from joybridge.conformance.report import FAILED, NOT_APPLICABLE, WARNING, Result, write_junit
-from joybridge.conformance.rules import CHECKS, FAMILIES, sessions
+from joybridge.conformance.rules import CHECKS, FAMILIES
 from joybridge.conformance.runner import SERVER, run_checks
 from joybridge.conformance.selection import SelectionError, select
 from tests.support.broken_servers import (
@@ -28,20 +27,7 @@ from tests.support.checked import made_up, run
 NOWHERE = "127.0.0.1:1"
 
 
-@pytest.fixture(autouse=True)
-def _quiet(monkeypatch):
-    """Keep the servers of this process from logging what they refuse, and abandon no more sessions than it takes."""
-    monkeypatch.setattr(sessions, "ABANDONED", 2 * sessions.MANY_SESSIONS)
-    logging.disable(logging.CRITICAL)
-    yield
-    logging.disable(logging.NOTSET)
-
-
-@pytest.fixture(scope="module")
-def correct():
-    """Yield the address of a server without faults."""
-    with serving(BrokenServer(set())) as address:
-        yield address
+pytestmark = pytest.mark.usefixtures("quiet_servers")
 
 
 def test_list_prints_every_family_check_and_rule_and_needs_no_address(capsys):

@@ -1,7 +1,6 @@
 """`joybridge doctor`: it says what is wrong with a running server, in the order of repair."""
 
 import json
-import logging
 import socket
 import time
 from types import SimpleNamespace
@@ -12,20 +11,7 @@ from joybridge.conformance import doctor, examination
 from joybridge.conformance.doctor import main
 from tests.support.broken_servers import BROKEN, PROTECTED, BrokenServer, Gauntlet, Service, serving
 
-
-@pytest.fixture(autouse=True)
-def _quiet():
-    """Keep the servers of this process from logging what they refuse."""
-    logging.disable(logging.CRITICAL)
-    yield
-    logging.disable(logging.NOTSET)
-
-
-@pytest.fixture(scope="module")
-def correct():
-    """Yield the address of a server without faults."""
-    with serving(BrokenServer(set())) as address:
-        yield address
+pytestmark = pytest.mark.usefixtures("quiet_servers")
 
 
 @pytest.fixture

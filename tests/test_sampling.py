@@ -1,7 +1,6 @@
 """Under any layout, also of another package, samples are allowed, their log-probabilities right, and rows alone."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from joybridge.ppo.networks import Network, Towers, flatten_parameters
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.sampling import sample_actions
 from joybridge.ppo.schedule import Coefficients
-from tests.support.own_layouts import ENTRY_POINTS, offer
 from tests.test_layouts_learn import SPEC
 
 LANES = 64
@@ -39,14 +37,7 @@ NAMES = [
 ]
 
 
-@pytest.fixture(autouse=True, scope="module")
-def other_package(tmp_path_factory):
-    """Install a package with the layouts `compass` and `laplace`."""
-    folder = tmp_path_factory.mktemp("packages")
-    offer(folder, "compass", ENTRY_POINTS)
-    sys.path.append(str(folder))
-    yield
-    sys.path.remove(str(folder))
+pytestmark = pytest.mark.usefixtures("other_package")
 
 
 def networks(name: str):

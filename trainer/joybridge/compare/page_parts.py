@@ -45,7 +45,7 @@ def page_html(text: str, folder: Path) -> str:
     return TEMPLATE.format(title=text.partition("\n")[0].removeprefix("# "), body=body)
 
 
-def write_files(files: Mapping[str, str], folder: Path, mark: str) -> list[Path]:
+def write_files(files: Mapping[str, str], folder: Path, mark: str = "") -> list[Path]:
     """Write the texts of files into a folder, by name, each with a mark at the end of its name. Raises StorageError.
 
     Return their paths.

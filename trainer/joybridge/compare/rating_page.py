@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
 
 from joybridge.compare.estimators import Estimate
-from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table, write_files
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
-from joybridge.config.files import write_atomically
 from joybridge.run.matches import Match, Payoff, payoff, seat_shares
 
 CAPTIONS = {
@@ -72,9 +71,7 @@ def write_rating_page(tournament: Tournament, folder: Path, figures: str = "") -
     text = page_text(tournament)
     numbers = json.dumps(as_data(tournament), indent=1, ensure_ascii=False) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder), "rating.json": numbers}
-    for name, content in files.items():
-        write_atomically(folder / name, content.encode())
-    return [*(folder / name for name in files), *drawn]
+    return [*write_files(files, folder), *drawn]
 
 
 def page_text(tournament: Tournament) -> str:

@@ -29,7 +29,7 @@ from joybridge.compare.environments import is_registered
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
-from joybridge.config.metrics import HELD_OUT, Cells, Row, write_cells
+from joybridge.config.metrics import HELD_OUT, Cells, Row, cells_of, write_cells
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.origin import keep_origin
@@ -180,7 +180,7 @@ class Metrics(BaseCallback):
     def finish(self, columns: Row) -> None:
         """Add columns to the last row."""
         if self._rows:
-            self._rows[-1] |= _cells(columns)
+            self._rows[-1] |= cells_of(columns)
             write_cells(self._path, self._rows)
 
     def _on_step(self) -> bool:
@@ -188,8 +188,8 @@ class Metrics(BaseCallback):
         self._episodes += [(episode["r"], float(episode["l"])) for episode in ended]
         before = self.num_timesteps - self.training_env.num_envs
         if before // self._interval < self.num_timesteps // self._interval:
-            seconds = time.monotonic() - self._begin
-            self._rows.append(_cells({"timesteps": self.num_timesteps, "seconds": seconds, **_summary(self._episodes)}))
+            row = {"timesteps": self.num_timesteps, "seconds": time.monotonic() - self._begin}
+            self._rows.append(cells_of(row | _summary(self._episodes)))
             write_cells(self._path, self._rows)
             self._episodes = []
         return True
@@ -201,10 +201,6 @@ def _summary(episodes: Sequence[tuple[float, float]]) -> Row:
         return {"episodes": 0}
     rewards, lengths = zip(*episodes, strict=True)
     return {"episodes": len(rewards), "reward": mean(rewards), "reward_std": pstdev(rewards), "length": mean(lengths)}
-
-
-def _cells(row: Row) -> Cells:
-    return {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
 
 
 def _schedule(value: float, kind: str) -> float | Callable[[float], float]:

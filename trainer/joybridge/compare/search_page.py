@@ -15,10 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
 
-from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table, write_files
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
 from joybridge.compare.ranges import Numbers, Range, settings_of
-from joybridge.config.files import write_atomically
 
 SHOWN = 10  # of the complete trials, the best
 STATES = {
@@ -63,9 +62,7 @@ def write_page(result: Outcome, folder: Path) -> list[Path]:
     )
     text = page_text(result)
     files = {"page.md": text, "page.html": page_html(text, folder), "trials.csv": trials_csv(result)}
-    for name, content in files.items():
-        write_atomically(folder / name, content.encode())
-    return [*(folder / name for name in files), *drawn]
+    return [*write_files(files, folder), *drawn]
 
 
 def page_text(result: Outcome) -> str:

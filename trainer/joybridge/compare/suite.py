@@ -12,14 +12,13 @@ from typing import Any
 
 from joybridge.compare.launch import seed_words
 from joybridge.compare.names import file_name, page_mark
-from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table
+from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table, write_files
 from joybridge.compare.page_settings import own_settings
 from joybridge.compare.pictures import Line, draw_themes, draw_times
 from joybridge.compare.suites import SUITES, Task
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import read_variants
 from joybridge.config.errors import ConfigError
-from joybridge.config.files import write_atomically
 from joybridge.config.metrics import numbers
 from joybridge.contract.files import read_file
 from joybridge.progress import say
@@ -104,9 +103,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
     ]
     text = "\n\n".join(blocks) + "\n"
     files = {"page.md": text, "page.html": page_html(text, folder)}
-    for path, content in files.items():
-        write_atomically(folder / path, content.encode())
-    return [*(folder / path for path in files), *drawn]
+    return [*write_files(files, folder), *drawn]
 
 
 def _numbers(folder: Path, task: Task) -> dict[str, Any] | None:

@@ -100,6 +100,11 @@ def parse_cells(text: str, but: Collection[str] = ()) -> list[Cells]:
     return rows
 
 
+def cells_of(row: Row) -> Cells:
+    """Return a row as text, with six digits of each number that is not whole."""
+    return {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
+
+
 def write_cells(path: Path, rows: list[Cells]) -> None:
     """Write a whole metrics file, so that columns may be added later; without rows there is no file."""
     if not rows:

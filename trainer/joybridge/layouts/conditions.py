@@ -4,7 +4,6 @@ A game among several may lack parts of the common device: what sets only these n
 """
 
 from collections.abc import Collection, Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -21,13 +20,6 @@ def needed_choice(device: pb.Device, axis: int) -> tuple[int, int] | None:
         if branch.name == condition.branch:
             return index, list(branch.choices).index(condition.choice)
     return None  # also for a part of a device that lacks the branch
-
-
-class Counting(Protocol):
-    """What says which parts of actions count in the lanes of one group."""
-
-    def counts(self, choices: Array) -> Array:
-        """Return which parts count, bool [lanes, parts]. choices int [lanes, branches]: those of the device."""
 
 
 class Conditions:

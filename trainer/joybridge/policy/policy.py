@@ -8,7 +8,7 @@ import numpy as np
 from joybridge.config.arrays import select
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
-from joybridge.layouts.conditions import Conditions, Counting
+from joybridge.layouts.conditions import Conditions, ConditionsOfGames
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
@@ -77,7 +77,7 @@ class Policy:
         )
         if self.config.loss:
             self.learner.add_term(self.config.loss)
-        self.conditions: list[Counting] | None = None  # of each group; None: all parts always count
+        self.conditions: Sequence[Conditions | ConditionsOfGames] | None = None  # of each group; None: all always count
         if lineup and kinds is not None:
             self.conditions = [lineup.conditions(actor.layout, kinds[lanes]) for lanes in groups]
         elif self.config.only_with and (conditions := Conditions(actor.layout, behavior.device)):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from joybridge.config.config import Config
-from joybridge.config.metrics import Cells, Row, metrics_name, read_cells, write_cells
+from joybridge.config.metrics import Row, cells_of, metrics_name, read_cells, write_cells
 from joybridge.contract.tensors import Array
 from joybridge.run.sinks import Sinks
 
@@ -58,7 +58,7 @@ class Logger:
         """Write a row: figures of the episodes since the last one, means over its updates, and times; return it."""
         seconds = time.monotonic() - self._begin
         row = {"timesteps": timesteps, "seconds": seconds, **episodes, **self.mean.summarize(), **times}
-        self.rows.append(_cells(row))
+        self.rows.append(cells_of(row))
         write_cells(self.path, self.rows)
         self._sinks.write(timesteps, row)
         return row
@@ -66,14 +66,10 @@ class Logger:
     def complete(self, columns: Row) -> None:
         """Add columns to the last row, if there is one."""
         if self.rows:
-            self.rows[-1] |= _cells(columns)
+            self.rows[-1] |= cells_of(columns)
             write_cells(self.path, self.rows)
             self._sinks.write(int(float(self.rows[-1]["timesteps"])), columns)
 
     def close(self) -> None:
         """Finish the sinks."""
         self._sinks.close()
-
-
-def _cells(row: Row) -> Cells:
-    return {name: f"{value:.6g}" if isinstance(value, float) else f"{value}" for name, value in row.items()}
