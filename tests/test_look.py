@@ -144,8 +144,8 @@ def test_a_game_is_drawn_under_options_and_parameters(simulator, tmp_path):
     ("arguments", "text"),
     [
         (["archer", "look.png", "--game", "archer"], "--game belongs to the address of a running simulator"),
-        (["archer", "look.png", "--pictures", "0"], "argument --pictures: got 0, expected at least 1"),
-        (["archer", "look.png", "--seed", "-1"], "argument --seed: got -1, expected at least 0"),
+        (["archer", "look.png", "--pictures", "0"], "argument --pictures: got '0', expected an integer of at least 1"),
+        (["archer", "look.png", "--seed", "-1"], "argument --seed: got '-1', expected an integer in 0.."),
     ],
 )
 def test_wrong_arguments_are_named(capsys, arguments, text):

@@ -329,9 +329,9 @@ def test_a_trainer_that_is_not_there_is_an_error(capsys):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--port", "0"], "argument --port: got 0, expected 1..65535"),
-        (["--arenas", "0"], "argument --arenas: got 0, expected at least 1"),
-        (["--wait", "nan"], "argument --wait: got nan, expected a positive number"),
+        (["--port", "0"], "argument --port/--mlagents-port: got '0', expected an integer in 1..65535"),
+        (["--arenas", "0"], "argument --arenas: got '0', expected an integer of at least 1"),
+        (["--wait", "nan"], "argument --wait: got 'nan', expected a positive number"),
         (["--token-file", "x"], "--tls-ca and --token-file belong to a running simulator"),
     ],
 )

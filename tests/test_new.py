@@ -375,8 +375,8 @@ PORTS = "expected HOST:PORT with a port from 0 to 65535, as in 127.0.0.1:5005, o
         (["serve", "--address", "localhost"], f"argument --address: got 'localhost', {PORTS}"),
         (["serve", "--address", ":5005"], f"argument --address: got ':5005', {PORTS}"),
         (["check", "127.0.0.1:70541"], f"argument ADDRESS: got '127.0.0.1:70541', {PORTS}"),
-        (["serve", "--sessions", "0"], "argument --sessions: got '0', expected a whole number, at least 1"),
-        (["serve", "--sessions", "many"], "argument --sessions: got 'many', expected a whole number, at least 1"),
+        (["serve", "--sessions", "0"], "argument --sessions: got '0', expected an integer of at least 1"),
+        (["serve", "--sessions", "many"], "argument --sessions: got 'many', expected an integer of at least 1"),
     ],
 )
 def test_an_argument_out_of_range_is_refused_by_name(arguments, complaint, capsys):

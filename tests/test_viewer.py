@@ -342,9 +342,9 @@ def test_a_message_that_is_too_long_ends_only_its_page(page, hybrid):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["archer", "--seed", "-1"], "argument --seed: got -1, expected 0..2^64-1"),
-        (["archer", "--port", "70000"], "argument --port: got 70000, expected 0..65535"),
-        (["archer", "--timeout", "0"], "argument --timeout: got 0, expected a positive number of seconds"),
+        (["archer", "--seed", "-1"], "argument --seed: got '-1', expected an integer in 0..18446744073709551615"),
+        (["archer", "--port", "70000"], "argument --port: got '70000', expected an integer in 0..65535"),
+        (["archer", "--timeout", "0"], "argument --timeout: got '0', expected a positive number of seconds"),
         (["archer", "--token-file", "token"], "belong to a running simulator; name it with --simulator"),
     ],
 )

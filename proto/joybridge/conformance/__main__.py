@@ -13,7 +13,7 @@ from joybridge.conformance.rules import FAMILIES
 from joybridge.conformance.runner import DEADLINE, run_checks
 from joybridge.conformance.selection import select
 from joybridge.contract.address import address
-from joybridge.contract.argument_types import seconds
+from joybridge.contract.argument_types import command_parser, seconds
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.process import leave
@@ -26,10 +26,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     The status is 0 if no check fails, 1 if a check fails, and 2 if nothing can be checked: an unknown name, a server
     that does not respond, a file that cannot be written.
     """
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    checker = commands.add_parser(
-        "check", description="Test a running server against the contract, in whatever language it is written."
+    parser, checker = command_parser(
+        prog, "check", "Test a running server against the contract, in whatever language it is written."
     )
     checker.add_argument("address", nargs="?", metavar="ADDRESS", help="HOST:PORT or unix:PATH")
     for option, metavar, text in (

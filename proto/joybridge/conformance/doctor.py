@@ -10,6 +10,7 @@ from importlib import import_module
 from joybridge.conformance.examination import Finding, Settings, examine
 from joybridge.conformance.expectations import Violation
 from joybridge.contract.address import DEFAULT_ADDRESS, address
+from joybridge.contract.argument_types import command_parser
 from joybridge.contract.credentials import add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.text import printable
@@ -26,11 +27,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     The status is 0 if no problem is found, 1 if one is found, and 2 if nothing can be examined: no server answers, or
     the configuration cannot be read.
     """
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    doctor = commands.add_parser(
+    parser, doctor = command_parser(
+        prog,
         "doctor",
-        description="Look at a running server for a few seconds, and say what is wrong and what to repair first.",
+        "Look at a running server for a few seconds, and say what is wrong and what to repair first.",
     )
     help_ = f"HOST:PORT or unix:PATH; default {DEFAULT_ADDRESS}, where `joybridge serve` listens by default"
     doctor.add_argument("address", nargs="?", metavar="ADDRESS", help=help_)

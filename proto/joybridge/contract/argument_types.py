@@ -1,9 +1,12 @@
-"""Types of arguments on command lines. Needs no further package."""
+"""The parser of a command, and types of its arguments. Needs no further package."""
 
 import argparse
 import math
 from collections.abc import Callable
 from typing import Any
+
+SEEDS = 2**64 - 1  # the largest
+PORTS = 2**16 - 1
 
 
 class Once(argparse.Action):
@@ -22,12 +25,22 @@ class Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-def at_least(least: int) -> Callable[[str], int]:
-    """Return a function that reads an integer of at least `least`, or raises ArgumentTypeError."""
+def command_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
+    """Return the parser of a command line that begins with a command, and the one of the command, for its arguments.
+
+    text: what the command does.
+    """
+    parser = argparse.ArgumentParser(prog=prog)
+    return parser, parser.add_subparsers(dest="command", required=True).add_parser(name, description=text)
+
+
+def at_least(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """Return a function that reads an integer of `least` to `most`, or raises ArgumentTypeError."""
+    expected = f"of at least {least}" if most == math.inf else f"in {least}..{most}"
 
     def number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer of at least {least}")
+        if not text.isdecimal() or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"got {text!r}, expected an integer {expected}")
         return int(text)
 
     return number

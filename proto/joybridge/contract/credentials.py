@@ -121,6 +121,12 @@ def add_credentials_arguments(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--token-file", type=Path, metavar="FILE", help="the file of the server's token")
 
 
+def check_credentials(parser: argparse.ArgumentParser, options: argparse.Namespace, simulator: object) -> None:
+    """End the program with an error if there are credentials and no running simulator that they are for."""
+    if (options.tls_ca or options.token_file) and not simulator:
+        parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+
+
 def load_credentials(tls_ca: Path | None = None, token_file: Path | None = None) -> Credentials:
     """Read the files of a client. Raises CredentialsError."""
     certificates = None if tls_ca is None else _read_certificates(tls_ca)

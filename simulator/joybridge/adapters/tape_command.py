@@ -8,6 +8,7 @@ from pathlib import Path
 
 from joybridge.adapters.pygame_programs.tape import read_tape
 from joybridge.adapters.tapes import record, replay
+from joybridge.contract.argument_types import command_parser
 from joybridge.contract.errors import JoybridgeError
 from joybridge.simulator.program_options import split_arguments
 
@@ -32,10 +33,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 
 def _parse(arguments: Sequence[str], prog: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=prog)
-    tape = parser.add_subparsers(dest="command", required=True).add_parser(
+    parser, tape = command_parser(
+        prog,
         "tape",
-        description="Regression tests of a pygame program: a tape has what was pressed, and a hash of each frame.",
+        "Regression tests of a pygame program: a tape has what was pressed, and a hash of each frame.",
     )
     whats = tape.add_subparsers(dest="what", required=True)
     records = whats.add_parser("record", help="write a tape of random play")

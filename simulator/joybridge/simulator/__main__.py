@@ -12,6 +12,7 @@ from threading import Timer
 
 from joybridge.cli import open_streams
 from joybridge.contract.address import DEFAULT_ADDRESS, address
+from joybridge.contract.argument_types import at_least
 from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import SILENCE_SECONDS, say
@@ -182,7 +183,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     server.add_argument(
         "--workers",
-        type=_count,
+        type=at_least(0, MAX_WORKERS),
         default=0,
         metavar="N",
         help="step the arenas of each session in N processes, for games that are given here and have one arena each, "
@@ -247,7 +248,7 @@ def _add_protection(group: argparse._ArgumentGroup) -> None:
 def _add_limits(group: argparse._ArgumentGroup) -> None:
     default = Limits()
     group.add_argument(
-        "--sessions", type=_sessions, default=default.sessions, help="most sessions at once; default %(default)s"
+        "--sessions", type=at_least(1), default=default.sessions, help="most sessions at once; default %(default)s"
     )
     for name, seconds, text in (
         (
@@ -268,20 +269,6 @@ def _add_limits(group: argparse._ArgumentGroup) -> None:
         ),
     ):
         group.add_argument(name, type=_seconds, default=seconds, metavar="N", help=text)
-
-
-def _sessions(text: str) -> int:
-    """Return a number of sessions. Raises ArgumentTypeError."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number, at least 1")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    """Return a number of processes. Raises ArgumentTypeError."""
-    if not (text.isdecimal() and int(text) <= MAX_WORKERS):
-        raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number of processes, 0 to {MAX_WORKERS}")
-    return int(text)
 
 
 def _seconds(text: str) -> float:

@@ -11,7 +11,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.programs import programs_of, with_names
 from joybridge.contract.address import address
 from joybridge.contract.argument_types import seconds
-from joybridge.contract.credentials import add_credentials_arguments
+from joybridge.contract.credentials import add_credentials_arguments, check_credentials
 from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
@@ -113,8 +113,7 @@ def check_simulator_options(parser: argparse.ArgumentParser, options: argparse.N
             "--game, --gym, --pettingzoo, --pygame and --unity are for a simulator that this command starts; give them "
             "to the running one"
         )
-    if (options.tls_ca or options.token_file) and not options.simulator:
-        parser.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    check_credentials(parser, options, options.simulator)
 
 
 def wanted_simulators(options: argparse.Namespace) -> SimulatorSource:

@@ -15,7 +15,7 @@ from joybridge.config.config import Config, load_config, make_config
 from joybridge.config.config_files import find_config, merge, read_overrides
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.argument_types import at_least
+from joybridge.contract.argument_types import at_least, command_parser
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import find_demonstrations, foreign_kind, load_demonstration
 from joybridge.demonstrations.recorded import Demonstration
@@ -45,11 +45,9 @@ class Recorded:
     shown: list[Demonstration]
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.commands.clone") -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    clones = commands.add_parser("clone", description="Learn from demonstrations alone, without playing the game.")
+    parser, clones = command_parser(prog, "clone", "Learn from demonstrations alone, without playing the game.")
     clones.add_argument("demos", type=Path, help="a folder of demonstrations, all of one game")
     clones.add_argument("--layout", default="", help="how policies map to the device; default: of the configuration")
     clones.add_argument(

@@ -15,7 +15,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import merged_place
-from joybridge.contract.argument_types import at_least
+from joybridge.contract.argument_types import at_least, command_parser
 from joybridge.contract.places import PYGAME
 from joybridge.progress import Progress, say
 from joybridge.run.folder import play_config, run_spec
@@ -28,9 +28,8 @@ DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")  # variables that n
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    parser = argparse.ArgumentParser(prog=prog)
-    drive = parser.add_subparsers(dest="command", required=True).add_parser(
-        "drive", description="Let a policy play a pygame program in its own window, by the real clock."
+    parser, drive = command_parser(
+        prog, "drive", "Let a policy play a pygame program in its own window, by the real clock."
     )
     drive.add_argument(
         "program",

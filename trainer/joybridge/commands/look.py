@@ -21,6 +21,7 @@ from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import GameSettings, check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address, is_address
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.credentials import (
     Credentials,
@@ -62,10 +63,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    look = commands.add_parser(
-        "look", description="Draw random play of a game, beside what was pressed, into one picture."
+    parser, look = command_parser(
+        prog, "look", "Draw random play of a game, beside what was pressed, into one picture."
     )
     look.add_argument(
         "what",
@@ -76,14 +75,14 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     look.add_argument("output", type=Path, help="the file of the picture, as in look.png")
     look.add_argument("--game", metavar="NAME", help="of the simulator at ADDRESS; may be left out if it has only one")
     add_credentials_arguments(look)
-    look.add_argument("--pictures", type=int, default=12, metavar="N", help="how many are drawn; default %(default)s")
-    look.add_argument("--seed", type=int, default=0, help="of the game and of the decisions; default %(default)s")
+    look.add_argument(
+        "--pictures", type=at_least(1), default=12, metavar="N", help="how many are drawn; default %(default)s"
+    )
+    look.add_argument(
+        "--seed", type=at_least(0, SEEDS), default=0, help="of the game and of the decisions; default %(default)s"
+    )
     add_overrides(look, "options and parameters of the game, e.g. parameters.size=0.5")
     options = parse_overrides(parser, arguments)
-    if options.pictures < 1:
-        look.error(f"argument --pictures: got {options.pictures}, expected at least 1")
-    if options.seed < 0:
-        look.error(f"argument --seed: got {options.seed}, expected at least 0")
     if (options.tls_ca or options.token_file) and not is_address(options.what):
         look.error("--tls-ca and --token-file belong to the address of a running simulator")
     if options.game and not is_address(options.what):

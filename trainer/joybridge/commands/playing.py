@@ -17,7 +17,7 @@ from joybridge.client.command_line import (
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.config.programs import as_trained
-from joybridge.contract.argument_types import at_least
+from joybridge.contract.argument_types import at_least, command_parser
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint
@@ -34,8 +34,7 @@ SEED = 1000  # of what is played, which is hardly that of a training
 
 def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     """Return the parser of a command line, and of its command, which has the options that all such commands have."""
-    parser = argparse.ArgumentParser(prog=prog)
-    command = parser.add_subparsers(dest="command", required=True).add_parser(name, description=text)
+    parser, command = command_parser(prog, name, text)
     command.add_argument("run", type=Path, help="folder of a run")
     command.add_argument(
         "--seed",

@@ -24,6 +24,7 @@ from joybridge.client.simulator_source import SimulatorSource, last_simulators, 
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.contract.argument_types import command_parser
 from joybridge.contract.codec import StepArrays
 from joybridge.demonstrations.files import foreign_kind
 from joybridge.progress import say
@@ -34,12 +35,10 @@ class FaultFound(SimulatorError):
     """The recorded session fails again, or is no longer the same; the text names the step."""
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.commands.replay") -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line and return its exit status: 1 if a step fails or differs."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    replays = commands.add_parser(
-        "replay", description="Repeat what led to a fault, or a demonstration, and say where the game plays otherwise."
+    parser, replays = command_parser(
+        prog, "replay", "Repeat what led to a fault, or a demonstration, and say where the game plays otherwise."
     )
     replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
     replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration anew, into this folder")

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from joybridge.client.command_line import run_command
+from joybridge.contract.argument_types import command_parser
 from joybridge.run.results import table
 
 WIDEST = 60  # characters of a cell
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.commands.runs") -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    runs = commands.add_parser("runs", description="List the runs in a folder.")
+    parser, runs = command_parser(prog, "runs", "List the runs in a folder.")
     runs.add_argument(
         "folder", type=Path, nargs="?", default=Path("runs"), help="folder of the runs; default %(default)s"
     )

@@ -37,7 +37,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
-from joybridge.contract.argument_types import at_least, minutes
+from joybridge.contract.argument_types import at_least, command_parser, minutes
 from joybridge.demonstrations.files import find_demonstrations
 from joybridge.progress import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
@@ -57,10 +57,8 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     """Return the options."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    train = commands.add_parser(
-        "train", description="Train policies as a configuration says; the folder of the run has all results."
+    parser, train = command_parser(
+        prog, "train", "Train policies as a configuration says; the folder of the run has all results."
     )
     train.add_argument("config", help="a YAML file, or the name of an installed one, as in shooting_birds/bucket-11")
     add_overrides(train, "e.g. seed=3 policy.learning_rate=1e-4")

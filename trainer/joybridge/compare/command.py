@@ -12,7 +12,7 @@ from joybridge.compare.tested import EPISODES, add_test_options
 from joybridge.compare.variants import TRAINERS
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.argument_types import at_least, share
+from joybridge.contract.argument_types import at_least, command_parser, share
 from joybridge.play.figures import add_figures
 from joybridge.play.sweep import read_sweep
 
@@ -28,11 +28,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     """Return the options."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    compares = commands.add_parser(
+    parser, compares = command_parser(
+        prog,
         "compare",
-        description="Train variants of a configuration with several seeds, and write a page that compares them.",
+        "Train variants of a configuration with several seeds, and write a page that compares them.",
     )
     compares.add_argument("config", nargs="?", help="a YAML file, or the name of an installed one, as in archer/hybrid")
     compares.add_argument(

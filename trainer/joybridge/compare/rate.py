@@ -21,7 +21,7 @@ from joybridge.client.simulator_source import choose_simulators, last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.argument_types import at_least
+from joybridge.contract.argument_types import at_least, command_parser
 from joybridge.play.figures import add_figures
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config
@@ -32,10 +32,8 @@ MATCHES, POLICIES = 1000, 8
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    rates = commands.add_parser(
-        "rate", description="Let policies of runs play each other in a tournament, and write a page with their ratings."
+    parser, rates = command_parser(
+        prog, "rate", "Let policies of runs play each other in a tournament, and write a page with their ratings."
     )
     rates.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of runs of one game")
     rates.add_argument(

@@ -1,6 +1,5 @@
 """`joybridge keys`: every key of a configuration as it is written with its default, its meaning, type and range."""
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from pydantic import BaseModel
 from joybridge.config.config import Config
 from joybridge.config.presets import PRESETS
 from joybridge.config.wrong_keys import FORMS, OTHER_NAMES
+from joybridge.contract.argument_types import command_parser
 
 SUBJECTS = {  # words that people look for: the beginning of the names of the keys that are about them
     "self-play": "opponents", "league": "opponents", "recurrent": "policy.memory", "rnn": "policy.memory",
@@ -40,9 +40,7 @@ class Key(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status: 1 if no key is found."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    keys = commands.add_parser("keys", description="List the keys of configurations: default, meaning, type and range.")
+    parser, keys = command_parser(prog, "keys", "List the keys of configurations: default, meaning, type and range.")
     keys.add_argument(
         "word",
         nargs="?",

@@ -1,6 +1,5 @@
 """`joybridge minari`: write demonstrations as datasets of Minari, one for each behavior. Needs no torch."""
 
-import argparse
 import re
 import sys
 import tempfile
@@ -13,6 +12,7 @@ import numpy as np
 from joybridge.client.demonstration_log import SUFFIX
 from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.files import storing
+from joybridge.contract.argument_types import command_parser
 from joybridge.contract.errors import JoybridgeError
 from joybridge.demonstrations.episodes import Episode, finished_episodes
 from joybridge.demonstrations.recorded import load_recorded
@@ -27,11 +27,10 @@ MINARI_CHARACTERS = re.compile(r"[^-\w]")
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    minari = commands.add_parser(
+    parser, minari = command_parser(
+        prog,
         "minari",
-        description="Write demonstrations as datasets of Minari, GAME/BEHAVIOR-v0 for each behavior.",
+        "Write demonstrations as datasets of Minari, GAME/BEHAVIOR-v0 for each behavior.",
     )
     minari.add_argument("demos", type=Path, help=f"a folder with demonstrations, files *{SUFFIX}")
     minari.add_argument(

@@ -13,7 +13,13 @@ from joybridge.client.signals import interrupt_on_signals
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
-from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
+from joybridge.contract.argument_types import PORTS, at_least, command_parser, seconds
+from joybridge.contract.credentials import (
+    ProtectedAddress,
+    add_credentials_arguments,
+    check_credentials,
+    load_credentials,
+)
 from joybridge.contract.errors import JoybridgeError
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import PORT
@@ -71,11 +77,10 @@ def _simulator(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    player = commands.add_parser(
+    parser, player = command_parser(
+        prog,
         "mlagents",
-        description="Play the part of a Unity player: a trainer of ML-Agents, such as mlagents-learn, trains the game.",
+        "Play the part of a Unity player: a trainer of ML-Agents, such as mlagents-learn, trains the game.",
     )
     player.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
     player.add_argument(
@@ -95,17 +100,20 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     player.add_argument(
         "--port",
         "--mlagents-port",
-        type=int,
+        type=at_least(1, PORTS),
         default=PORT,
         metavar="PORT",
         help="of the trainer, on this machine; default %(default)s, where mlagents-learn waits for an editor",
     )
     player.add_argument(
-        "--arenas", type=int, metavar="N", help="copies of the game; default: what the trainer says, as num_areas"
+        "--arenas",
+        type=at_least(1),
+        metavar="N",
+        help="copies of the game; default: what the trainer says, as num_areas",
     )
     player.add_argument(
         "--wait",
-        type=float,
+        type=seconds,
         default=60.0,
         metavar="SECONDS",
         help="how long to wait for the trainer; default %(default)g",
@@ -120,12 +128,5 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     player.add_argument("-logFile", "-logfile", help=argparse.SUPPRESS)
     add_overrides(player, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
     options = parse_overrides(parser, arguments)
-    if not 0 < options.port < 2**16:
-        player.error(f"argument --port: got {options.port}, expected 1..65535")
-    if options.arenas is not None and options.arenas < 1:
-        player.error(f"argument --arenas: got {options.arenas}, expected at least 1")
-    if not 0 < options.wait < float("inf"):
-        player.error(f"argument --wait: got {options.wait:g}, expected a positive number of seconds")
-    if (options.tls_ca or options.token_file) and not options.simulator:
-        player.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    check_credentials(player, options, options.simulator)
     return options

@@ -11,6 +11,7 @@ run_opponent.py  policies that play beside the person or hold the other seats; n
 messages.py      what a page and this program send each other
 controls.py      which keys, pointer and gamepad act on which axes and branches
 simulator.py     where sessions are opened
+page_options.py  options of both commands
 watch.py         the command line of `joybridge watch`
 clock.py         the pace of what is watched
 watched_game.py  a game without a run, as a page shows it

@@ -16,10 +16,16 @@ from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address
-from joybridge.contract.argument_types import at_least
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser, seconds
 from joybridge.contract.codec import lane_count
-from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
+from joybridge.contract.credentials import (
+    ProtectedAddress,
+    add_credentials_arguments,
+    check_credentials,
+    load_credentials,
+)
 from joybridge.contract.errors import JoybridgeError
+from joybridge.viewer.page_options import add_page_options
 
 if TYPE_CHECKING:
     from joybridge.viewer.arena import Settings
@@ -28,7 +34,7 @@ if TYPE_CHECKING:
 # What serves the page is imported by the command that needs it: help and errors need no further package.
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
     options = _parse(arguments, prog)
     from joybridge.viewer.arena import Settings
@@ -66,11 +72,10 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    play = commands.add_parser(
+    parser, play = command_parser(
+        prog,
         "play",
-        description="Play a game in the browser, with pointer, keys or gamepad.",
+        "Play a game in the browser, with pointer, keys or gamepad.",
     )
     play.add_argument(
         "what",
@@ -91,16 +96,10 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         metavar="MODULE:CLASS",
         help="another game for the simulator that this command starts; the current folder is searched first",
     )
-    play.add_argument("--seed", type=int, default=0, help="of the game; default %(default)s")
-    play.add_argument(
-        "--port",
-        type=int,
-        metavar="PORT",
-        help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
-    )
+    play.add_argument("--seed", type=at_least(0, SEEDS), default=0, help="of the game; default %(default)s")
     play.add_argument(
         "--timeout",
-        type=float,
+        type=seconds,
         default=10.0,
         metavar="SECONDS",
         help="how long to wait for an answer of the simulator before it is taken for lost; default %(default)g",
@@ -143,23 +142,16 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         metavar="DIR",
         help="record what you play in new files of this folder, as demonstrations for `joybridge train --demos`",
     )
-    play.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
+    add_page_options(play)
     add_overrides(play, "options and parameters of the game, e.g. options.level=6 parameters.bird_speed=0.5")
     options = parse_overrides(parser, arguments)
-    if not 0 <= options.seed < 2**64:
-        play.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
-    if options.port is not None and not 0 <= options.port < 2**16:
-        play.error(f"argument --port: got {options.port}, expected 0..65535")
     if options.rate and len(options.rate) != options.players:
         play.error(f"--rate: got {len(options.rate)} names, expected one for each of {options.players} players")
     if options.rate and options.players == 1 and not options.others:
         play.error("--rate needs others to play against; name them with --others")
     if options.against and options.players > 1:
         play.error("--against lets a policy play beside one person; leave it out, or --players")
-    if not 0 < options.timeout < float("inf"):
-        play.error(f"argument --timeout: got {options.timeout:g}, expected a positive number of seconds")
-    if (options.tls_ca or options.token_file) and not options.simulator:
-        play.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    check_credentials(play, options, options.simulator)
     return options
 
 

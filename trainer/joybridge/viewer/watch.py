@@ -14,13 +14,20 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address, is_address
-from joybridge.contract.credentials import ProtectedAddress, add_credentials_arguments, load_credentials
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
+from joybridge.contract.credentials import (
+    ProtectedAddress,
+    add_credentials_arguments,
+    check_credentials,
+    load_credentials,
+)
 from joybridge.contract.errors import JoybridgeError
+from joybridge.viewer.page_options import add_page_options
 
 ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for lost
 
 
-def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridge.viewer") -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
     options = _parse(arguments, prog)
     from joybridge.viewer.web import open_browser  # not before: help needs no further package
@@ -99,11 +106,10 @@ def _game(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=prog)
-    commands = parser.add_subparsers(dest="command", required=True)
-    watch = commands.add_parser(
+    parser, watch = command_parser(
+        prog,
         "watch",
-        description="Watch a training that runs: its learning curves, and its newest policies at play. It only reads "
+        "Watch a training that runs: its learning curves, and its newest policies at play. It only reads "
         "the folder of the run. Or watch random play of a game of a running simulator.",
     )
     watch.add_argument(
@@ -122,23 +128,14 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     watch.add_argument(
         "--only-game", default="", metavar="NAME", help="which of the several games of RUN is shown; default: the first"
     )
-    watch.add_argument("--seed", type=int, default=1, help="of the arena and of the samples; default %(default)s")
     watch.add_argument(
-        "--port",
-        type=int,
-        metavar="PORT",
-        help="of the page on this machine, 0: any free one; default 5006, or any free one where that is in use",
+        "--seed", type=at_least(0, SEEDS), default=1, help="of the arena and of the samples; default %(default)s"
     )
-    watch.add_argument("--no-browser", action="store_true", help="only print the URL of the page")
+    add_page_options(watch)
     add_overrides(watch, "options and parameters of the game at ADDRESS, e.g. options.level=6")
     options = parse_overrides(parser, arguments)
     at = is_address(options.what)
-    if not 0 <= options.seed < 2**64:
-        watch.error(f"argument --seed: got {options.seed}, expected 0..2^64-1")
-    if options.port is not None and not 0 <= options.port < 2**16:
-        watch.error(f"argument --port: got {options.port}, expected 0..65535")
-    if (options.tls_ca or options.token_file) and not (options.simulator or at):
-        watch.error("--tls-ca and --token-file belong to a running simulator; name it with --simulator")
+    check_credentials(watch, options, options.simulator or at)
     if at and options.simulator:
         watch.error("--simulator belongs to a run; the address of a game's simulator stands alone")
     if not at and (options.game or options.overrides):
