@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from pydantic import TypeAdapter
+
 from joybridge.compare.page_parts import escaped
-from joybridge.config.errors import ConfigError
-from joybridge.config.files import write_atomically
-from joybridge.contract.files import read_file
+from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
 from joybridge.run.origin import Origin, run_origins
 from joybridge.run.sources import noted_sources
 
@@ -73,16 +73,7 @@ def _together(noted: list[MadeWith], new: MadeWith) -> list[MadeWith]:
 
 def read(folder: Path) -> list[MadeWith]:
     """Return what the runs of a comparison were made with, in the order of their starts. Raises ConfigError."""
-    path = folder / FILE
-    try:
-        return [
-            MadeWith(dict(each["versions"]), dict(each["sources"]), str(each.get("machine", "")))
-            for each in json.loads(read_file(path, MAX_BYTES))
-        ]
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path} cannot be read ({error}); delete it, it is only for people") from error
+    return read_json(folder / FILE, TypeAdapter(list[MadeWith]), MAX_BYTES, ONLY_FOR_PEOPLE) or []
 
 
 def changed_sources(noted: Sequence[MadeWith]) -> list[str]:

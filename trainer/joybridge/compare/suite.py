@@ -1,7 +1,6 @@
 """`joybridge compare --suite`: the same comparison on all tasks of a suite, and one page about them."""
 
 import argparse
-import json
 import shlex
 from argparse import Namespace
 from collections.abc import Callable
@@ -9,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from statistics import mean
 from typing import Any
+
+from pydantic import TypeAdapter
 
 from joybridge.compare.launch import seed_words
 from joybridge.compare.names import file_name, page_mark
@@ -19,8 +20,8 @@ from joybridge.compare.suites import SUITES, Task
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import read_variants
 from joybridge.config.errors import ConfigError
+from joybridge.config.files import read_json
 from joybridge.config.metrics import numbers
-from joybridge.contract.files import read_file
 from joybridge.progress import say
 
 MAX_BYTES = 2**26  # of the numbers of a comparison
@@ -109,13 +110,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
 def _numbers(folder: Path, task: Task) -> dict[str, Any] | None:
     """Return the numbers of the comparison of a task, None if there are none."""
     path = folder / f"compare{page_mark(task.scored)}.json"
-    try:
-        data: dict[str, Any] = json.loads(read_file(path, MAX_BYTES))
-        return data
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path} cannot be read ({error}); delete it, and repeat the command") from error
+    return read_json(path, TypeAdapter(dict[str, Any]), MAX_BYTES, "delete it, and repeat the command")
 
 
 def _timesteps(data: dict[str, Any]) -> int:

@@ -17,11 +17,9 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, distributions
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from joybridge.config.errors import ConfigError
-from joybridge.config.files import write_atomically
-from joybridge.contract.files import read_file
+from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
 
 FILE = "origin.json"  # in the folder of a run
 MAX_BYTES = 2**24  # of it
@@ -84,13 +82,7 @@ def run_origins(run: Path) -> list[Origin]:
 
     Raises ConfigError.
     """
-    try:
-        return TypeAdapter(list[Origin]).validate_json(read_file(run / FILE, MAX_BYTES))
-    except FileNotFoundError:
-        return []
-    except (OSError, ValidationError) as error:
-        reason = str(error).partition("\n")[0]
-        raise ConfigError(f"{run / FILE} cannot be read ({reason}); delete it, it is only for people") from error
+    return read_json(run / FILE, TypeAdapter(list[Origin]), MAX_BYTES, ONLY_FOR_PEOPLE) or []
 
 
 def differences(trained: Origin) -> Iterator[str]:

@@ -8,11 +8,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 from joybridge.client.own_runs import is_ours, sign
 from joybridge.config.config import Config
-from joybridge.config.errors import ConfigError, StorageError, UntrustedRunError
-from joybridge.config.files import write_atomically
-from joybridge.contract.files import read_file
+from joybridge.config.errors import StorageError, UntrustedRunError
+from joybridge.config.files import read_json, write_atomically
 from joybridge.contract.text import printable
 from joybridge.layouts.mixed import kinds_of
 
@@ -59,14 +60,7 @@ def check_code(run: Path, config: Config) -> None:
 
 
 def _signature(run: Path) -> str:
-    path = run / FILE
-    try:
-        noted = json.loads(read_file(path, MAX_BYTES))
-    except FileNotFoundError:
-        return ""
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path} cannot be read ({error}); delete it") from error
-    return str(noted.get("signature", "")) if isinstance(noted, dict) else ""
+    return (read_json(run / FILE, TypeAdapter(dict[str, str]), MAX_BYTES, "delete it") or {}).get("signature", "")
 
 
 def _signed(config: Config) -> bytes:

@@ -18,9 +18,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from sysconfig import get_path
 
+from pydantic import TypeAdapter
+
 from joybridge.config.config import Config
-from joybridge.config.errors import ConfigError
-from joybridge.config.files import write_atomically
+from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
 from joybridge.contract.files import read_file
 from joybridge.layouts.find import GROUP
 from joybridge.layouts.mixed import kinds_of
@@ -68,13 +69,7 @@ def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
 def noted_sources(run: Path) -> dict[str, str]:
     """Return the marks in the folder of a run, none if it has no others' sources. Raises ConfigError."""
-    try:
-        noted = json.loads(read_file(run / FILE, MAX_BYTES))
-        return {str(name): str(mark) for name, mark in noted.items()}
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
-        raise ConfigError(f"{run / FILE} cannot be read ({error}); delete it, it is only for people") from error
+    return read_json(run / FILE, TypeAdapter(dict[str, str]), MAX_BYTES, ONLY_FOR_PEOPLE) or {}
 
 
 def _sources_of_game(place: str) -> list[str]:
