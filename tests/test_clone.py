@@ -69,9 +69,11 @@ def test_one_episode_is_cloned_whole_also_for_rewards_that_it_does_not_know(simu
     assert last_simulators(tmp_path / "run").simulators.games == ("gym:CartPole-v1",)
 
 
-@pytest.mark.parametrize("memory", ["none", "gru"])
-def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_not_seen(memory, demos, tmp_path, capsys):
-    run, more = tmp_path / "clone", [*SMALL, f"policy.memory.kind={memory}"]
+@pytest.mark.parametrize("memory", ["none", "gru"])  # whose sequences are shorter than the episodes
+def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_not_seen(
+    memory, demos, simulator, tmp_path, capsys
+):
+    run, more = tmp_path / "clone", [*SMALL, f"policy.memory.kind={memory}", "policy.memory.length=8"]
     assert main(["clone", str(demos), "--layout", "bucket-11", "--run", str(run), *more]) == 0
     printed = capsys.readouterr()
     learned, held_out = re.findall(r"([\d,]+) decisions of", printed.err)
@@ -83,6 +85,10 @@ def test_a_clone_does_what_is_demonstrated_and_is_measured_on_episodes_it_has_no
     assert agent.act({"place": [2.5, 0.0], **seen})["press"] == 1
     agent.begin()
     assert agent.act({"place": [-2.5, 0.0], **seen})["press"] == 0
+    assert trainer(["train", str(run / "config.yaml"), "--run", str(run), "--resume", "--simulator", simulator]) == 1
+    assert (
+        "no training to go on with, as that of a clone; begin a new run with it, by --from" in capsys.readouterr().err
+    )
 
 
 def test_a_button_that_no_observation_tells_is_named_with_what_would_tell_it(simulator, tmp_path, capsys):

@@ -87,9 +87,14 @@ def test_what_no_run_would_have_is_refused_before_anything_is_trained(words, mes
 
 def test_a_column_of_the_training_and_of_held_out_episodes_can_be_compared():
     (variant,) = make_variants(["archer/hybrid"], ["evaluate_during.episodes=2"], [])
-    spec = pb.GameSpec(name="archer", behaviors=[pb.Behavior(name="archer", metrics=[pb.Metric(name="hits")])])
+    device = pb.Device(branches=[pb.Branch(name="fire", choices=["released", "pressed"])])
+    archer = pb.Behavior(name="archer", device=device, metrics=[pb.Metric(name="hits")])
+    spec = pb.GameSpec(name="archer", behaviors=[archer])
     for metric in ("hits", "entropy_fire", "explained_variance", "held_out_hits", "held_out_reward_std"):
         check_metric(variant, spec, metric, None)
+    for metric in ("entropy_hits", "loss_mine", "held_out_fire"):
+        with pytest.raises(ConfigError, match=f"--metric got '{metric}'; archer has reward, length"):
+            check_metric(variant, spec, metric, None)
     other = Variant("", variant.config, "sb3")  # it counts rewards and lengths alone
     for metric in ("hits", "explained_variance"):
         with pytest.raises(ConfigError, match=f"'{metric}'; a run of Stable-Baselines3 has reward, length"):

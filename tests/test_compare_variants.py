@@ -3,14 +3,20 @@
 import pytest
 
 from joybridge.compare import command
+from joybridge.compare.launch import repetition
+from joybridge.compare.over import trained_span
 from joybridge.compare.page_settings import settings_block
 from joybridge.compare.variants import (
+    Variant,
     make_variants,
     read_change,
     read_values,
 )
+from joybridge.config.config import load_config
+from joybridge.config.config_files import find_config
 from joybridge.config.differences import differences
 from joybridge.config.errors import ConfigError
+from joybridge.v1 import bridge_pb2 as pb
 
 
 def test_values_may_be_lists_and_variants_are_named_after_what_differs():
@@ -33,6 +39,10 @@ def test_changes_are_compared_one_at_a_time_with_what_is_unchanged():
     pairs = [("policy.memory", "{kind: gru, size: 32}"), ("arenas", "2")]
     assert read_change(" policy.memory={kind: gru, size: 32}  arenas=2 ") == ("", pairs)
     assert read_change("with memory:  policy.memory={kind: gru, size: 32} arenas=2") == ("with memory", pairs)
+    deep = "{episodes: 4, parameters: {size: {uniform: [1, 2]}}}"
+    assert read_change(f"held: evaluate_during={deep} arenas=2").pairs == [("evaluate_during", deep), ("arenas", "2")]
+    assert read_change('both: layout="hybrid, x=beta" arenas=2').pairs[0] == ("layout", '"hybrid, x=beta"')
+    assert read_values(f"evaluate_during={deep},{{episodes: 5}}", "--set")[1] == [deep, "{episodes: 5}"]
     changed = [[key for key, *_ in differences(before, variant.config.model_dump())] for variant in made]
     assert changed == [[], ["layout"], ["policy.hidden_sizes.0", "policy.hidden_sizes.1", "policy.epochs"]]
     both = make_variants(["archer/hybrid"], [], [("policy.gamma", ["0.9", "0.99"])], changes[:1])
@@ -62,6 +72,24 @@ def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():
     suite = ["compare", "--suite", "hybrid", "--output", "y", "--tasks", "goal", "moving", "arenas=4"]
     options = command.parse(suite, "joybridge")
     assert (options.tasks, options.overrides) == (["goal", "moving"], ["arenas=4"])
+
+
+def test_the_command_of_a_search_has_all_that_makes_it_the_same_search():
+    words = ["compare", "archer/hybrid", "--output", "y", "--search", "policy.epochs=1..2", "--trials", "3"]
+    options = command.parse([*words, "--prune-from", "0.5", "seed=7"], "joybridge")
+    options.typed = (options.overrides, [])
+    again = (
+        "joybridge compare archer/hybrid --search policy.epochs=1..2 --trials 3 --prune-from 0.5 --output FOLDER seed=7"
+    )
+    assert repetition(options) == again
+    options.score = 123456.789
+    assert "--score 123456.789 " in repetition(options)
+
+
+def test_what_was_trained_with_spans_all_lessons():
+    config, size = load_config(find_config("archer/curriculum")), pb.Parameter(name="size", default_value=0.3)
+    spec = pb.GameSpec(parameters=[size])
+    assert trained_span([Variant("", config)], [spec], "parameters.size") == (0.2, 3.0)
 
 
 def test_a_page_says_what_differs_but_not_layouts_alone():

@@ -157,6 +157,9 @@ def test_the_lowest_value_may_be_the_best_and_an_unknown_metric_is_refused(confi
     assert main(["train", str(config), *SMALL, "best_metric=pressed", *run]) == 1
     wanted = "best_metric: there is no metric 'pressed'; player has reward, length, game_length, presses"
     assert wanted in capsys.readouterr().err
+    for wrong in ("held_out_reward", "entropy_nothing", "loss_mine"):
+        assert main(["train", str(config), *SMALL, f"best_metric={wrong}", *run]) == 1
+        assert f"there is no metric '{wrong}'" in capsys.readouterr().err
     assert main(["train", str(config), *SMALL, "best_metric=-presses", *run]) == 0
     rows = read_rows(tmp_path / "run/metrics-player.csv")
     score = load_checkpoint(tmp_path / "run", "best")[1].score

@@ -52,6 +52,16 @@ def test_without_every_the_last_row_is_measured_and_the_most_probable_actions_ar
     assert rows[-1]["held_out_reward"] == pytest.approx(found.means["reward"], rel=1e-5)
 
 
+def test_of_a_curriculum_the_last_lesson_is_played(simulator, tmp_path):
+    lessons = [
+        {"parameters": {"drift": 2.0}, "until": {"metric": "reward", "above": 100.0}},
+        {"parameters": {"drift": 0}},
+    ]
+    during = {"episodes": 10, "deterministic": True}
+    row = short(simulator, tmp_path / "run", evaluate_during=during, curriculum=lessons)["player"][-1]
+    assert row["lesson"] == 1 and row["held_out_length"] > row["length"]  # without drift nobody leaves
+
+
 @pytest.mark.parametrize(("log_interval", "every"), [(64, 192), (64, 5000), (100, 300), (100, None)])
 def test_the_last_row_has_the_measure_of_the_policy_at_the_end_whatever_every_says(
     log_interval, every, simulator, tmp_path

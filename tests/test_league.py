@@ -216,7 +216,8 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
         return str(caught.value)
 
     assert "opponents.shares: archer has one agent, which plays alone" in refused(game="archer")
-    assert "is not the folder of a run" in refused(opponents={"shares": {"gone": 1}})
+    wanted = "opponents.shares: gone is not the folder of a run: there is no such folder; a league needs those"
+    assert wanted in refused(opponents={"shares": {"gone": 1}})
     assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         opponents={"shares": {"script:fool": 1}}
     )

@@ -156,6 +156,13 @@ def test_code_lines_are_counted(tmp_path):
     assert code_lines(path) == {6, 8, 9, 11, 13}
 
 
+def test_a_configuration_elsewhere_is_trained_from_here_where_the_module_of_its_environment_is(folder, capsys):
+    assert main(["new", "--gym", "CartPole-v1", "--folder", "else where"]) == 0
+    train, evaluate, *_ = typed(capsys.readouterr().out)
+    assert train.endswith("train 'else where/CartPole-v1.yaml' --run runs/CartPole-v1")
+    assert evaluate.endswith("evaluate runs/CartPole-v1") and (folder / "else where" / "CartPole-v1.yaml").exists()
+
+
 def test_its_names_are_the_authors_everywhere(folder, capsys):
     assert main(["new", "red_kite7"]) == 0
     assert {path.name for path in folder.iterdir()} == {"red_kite7.py", "red_kite7.yaml"}
@@ -235,7 +242,8 @@ def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, 
     lanes = config.arenas * max(behavior.agents_per_arena for behavior in spec.behaviors)
     assert config.game == game and 32 <= lanes <= 64 and config.arenas <= spec.max_arenas
     assert config.policy.rollout_steps == config.policy.time_horizon <= (spec.max_episode_decisions or 60)
-    assert typed(capsys.readouterr().out)[1].endswith(f"train {game}.yaml --simulator {simulator} --run runs/{game}")
+    train = f"train there/{game}.yaml --simulator {simulator} --run runs/{game}"
+    assert typed(capsys.readouterr().out)[0].endswith(train)
 
 
 @pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")

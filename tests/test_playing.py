@@ -62,6 +62,12 @@ def test_as_many_episodes_are_played_as_are_asked_for_and_each_return_is_told(ep
     assert f"player: {episodes} episodes after" in printed.out
 
 
+def test_one_episode_has_no_interval(run, simulator, capsys):
+    report, printed = evaluate(run, simulator, capsys, "--episodes", "1")
+    assert set(report["player"]["half_widths"].values()) == {None}
+    assert printed.out.count(" ± ?") == len(report["player"]["means"]) and "nan" not in printed.out.lower()
+
+
 def test_fewer_episodes_than_there_are_choices_to_play_equally_often_are_refused(simulator, tmp_path, capsys):
     config = Config(
         game="shooting_birds", arenas=4, stratify_by="level", policy=SMALL, total_timesteps=64, log_interval=64

@@ -78,6 +78,12 @@ def test_gsde_explores_as_it_does_there():
         torch.testing.assert_close(gsde.entropy(outputs, log_std), theirs.entropy())
 
 
+def test_a_range_that_narrows_ends_there_where_it_ends_here():
+    config = Config(game="CartPole-v1", preset="sb3", policy={"clip_range_schedule": "linear"})
+    clip_range = arguments_of(config, make_vec_env("CartPole-v1", 1))["clip_range"]
+    assert [clip_range(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([0.2, 0.15, 0.1])
+
+
 @pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])
 def test_what_ppo_has_no_argument_for_is_named(keys):
     with pytest.raises(ConfigError, match=f"cannot be set to this {next(iter(keys))}; begin with preset=sb3"):

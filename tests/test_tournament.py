@@ -277,6 +277,14 @@ def test_another_seed_adds_matches_and_the_same_one_replaces_its_own(run, simula
     assert "| 0 [0, 0] |" in next(line for line in done.output.splitlines() if "other" in line)
 
 
+def test_other_players_with_the_same_seed_add_matches(run, simulator, tmp_path):
+    for script, matches in (("perfect", 40), ("random", 80), ("random", 80)):
+        again = rated(simulator, run, "--others", f"script:{script}", "--policies", 1, "--output", tmp_path)
+        log = read_matches(tmp_path)
+        assert len(log) == matches and {"script:perfect", f"script:{script}"} <= {p for m in log for p in m.players}
+    assert "40 matches of these players with this seed are played again" in again.errors
+
+
 def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp_path):
     scripts = ["--others", "script:perfect", "--others", "script:random"]
     rated(simulator, run, *scripts, "--policies", 1, "--anchor", "script:random", "--output", tmp_path)

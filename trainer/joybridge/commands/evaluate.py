@@ -3,7 +3,7 @@
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -106,5 +106,5 @@ def _evaluate(options: argparse.Namespace) -> None:
     if games != [""] or specs[0].HasField("picture"):
         say_next("record", str(run), "play.mp4")
     if options.json:
-        objects = {s: {name: asdict(result) for name, result in found.items()} for s, found in results.items()}
+        objects = {s: {name: result.as_data() for name, result in found.items()} for s, found in results.items()}
         print(json.dumps(objects if sweep or games != [""] else objects[""]))

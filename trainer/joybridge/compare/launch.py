@@ -8,11 +8,12 @@ from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.environments import environment_of
 from joybridge.compare.job import Job, PeerJob, Process, start
+from joybridge.compare.ranges import PRUNE_FROM
 from joybridge.compare.scores import PARTS
 from joybridge.compare.variants import TRAINERS, Variant, check_game, keep
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
-from joybridge.config.metrics import HELD_OUT, is_builtin_metric, is_of_episodes, measured_columns, training_columns
+from joybridge.config.metrics import HELD_OUT, is_of_episodes, measured_columns, training_columns
 from joybridge.layouts import list_roles
 from joybridge.plugins import load
 from joybridge.policy.config_fit import check_fit, fitting_spec
@@ -67,12 +68,23 @@ def check_metric(variant: Variant, spec: pb.GameSpec, metric: str, behavior: str
             f"--metric {metric}: {variant.label} measures nothing held out; set evaluate_during, as in "
             "evaluate_during.episodes=100"
         )
-    trained = not variant.by and metric == plain and is_builtin_metric(metric)
+    trained = not variant.by and metric in (*training_columns(), *_statistics(config, spec))
     if plain not in measured and not trained:
         more = f"; {HELD_OUT}… before each of these" if config.evaluate_during else ""
         training = "" if variant.by else f"; of the training: {', '.join(training_columns())}, entropy_BRANCH"
         whose = f"a run of {TRAINERS[variant.by]}" if variant.by else spec.name
         raise ConfigError(f"--metric got {metric!r}; {whose} has {', '.join(measured)}{more}{training}")
+
+
+def _statistics(config: Config, spec: pb.GameSpec) -> list[str]:
+    """Return the columns of the entropies, and of a term of the loss, that the policies of a game have."""
+    names = []
+    for role in list_roles(config.layout, spec):
+        branches, axes = role.layout.names(spec.behaviors[role.behavior].device)
+        names += [f"entropy_{name}" for name in (*branches, *axes)]
+        if loss := config.policy_config(role.name).loss:
+            names.append(f"loss_{loss.rpartition(':')[2]}")
+    return names
 
 
 def too_short_for_scores(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], metric: str) -> str:
@@ -171,6 +183,11 @@ def backend(options: argparse.Namespace) -> tuple[int, Callable[[Job], Process]]
     return options.jobs or cluster.room(), cluster.start
 
 
+def number(value: float) -> str:
+    """Return a number as it is written, with all of its digits."""
+    return f"{value!r}".removesuffix(".0")
+
+
 def repetition(options: argparse.Namespace) -> str:
     """Return the command that makes the same comparison or search elsewhere."""
     words = ["joybridge", "compare", options.config]
@@ -180,6 +197,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--change", *options.change] if options.change else []
     words += ["--pairs", *options.pairs] if options.pairs else []
     words += ["--search", *options.search, "--trials", f"{options.trials}"] if options.search else []
+    words += ["--prune-from", number(options.prune_from)] if options.prune_from not in (None, PRUNE_FROM) else []
     words += seed_words(options) if not options.search else []
     words += ["--metric", options.metric] if options.metric != "reward" else []
     words += ["--test", *options.test] if options.test or (options.test is not None and not options.over) else []
@@ -189,7 +207,7 @@ def repetition(options: argparse.Namespace) -> str:
     words += ["--beside", options.beside] if options.beside else []
     words += ["--ppo", options.ppo] if options.ppo != "{}" else []
     words += ["--behavior", options.behavior] if options.behavior else []
-    words += ["--score", f"{options.score:g}"] if options.score is not None else []
+    words += ["--score", number(options.score)] if options.score is not None else []
     overrides, games = options.typed
     words += [word for game in games for word in ("--game", game)]
     words += ["--simulator", "ADDRESS"] if options.simulator else []

@@ -71,12 +71,19 @@ def _span(config: Config, spec: pb.GameSpec, key: str) -> tuple[float, float] | 
     where, _, name = key.partition(".")
     if where == "hand" and name:
         value = getattr(config.hand, name)
-    elif where == "parameters":
-        value = config.parameters.get(name, *(each.default_value for each in spec.parameters if each.name == name))
-    else:
+        return value, value
+    if where != "parameters":
         return None
-    (numbers,) = value.values() if isinstance(value, Mapping) else ([value],)
-    return (min(numbers), max(numbers))
+    usual = config.parameters.get(name, *(each.default_value for each in spec.parameters if each.name == name))
+    trained = [lesson.parameters.get(name, usual) for lesson in config.curriculum] or [usual]
+    numbers = _numbers(trained)
+    return min(numbers), max(numbers)
+
+
+def _numbers(values: Sequence[float | Mapping[str, Sequence[float]]]) -> list[float]:
+    """Return all numbers in values of parameters, the ends of distributions included."""
+    lists = [next(iter(value.values())) if isinstance(value, Mapping) else [value] for value in values]
+    return [number for numbers in lists for number in numbers]
 
 
 def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:

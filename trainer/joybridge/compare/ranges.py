@@ -14,6 +14,7 @@ from typing import Any
 from joybridge.compare.variants import read_values
 from joybridge.config.config import Config, load_config
 from joybridge.config.errors import ConfigError
+from joybridge.config.overrides import split_values
 
 NOT_SEARCHED = {  # keys that are not searched, and why
     "seed": "all trials have the same seed; compare the best settings over seeds afterwards",
@@ -102,7 +103,8 @@ def settings_of(ranges: Sequence[Range], params: Mapping[str, Any]) -> dict[str,
 def is_fixed(text: str) -> bool:
     """Return whether a text sets a key to one value, so that nothing is searched."""
     value = text.partition("=")[2]
-    return bool(value) and ".." not in value and "," not in re.sub(r"\[.*?\]|\{.*?\}", "", value)
+    path = "/" in value  # which may begin with two dots
+    return bool(value) and (path or ".." not in value) and len(split_values(value)) == 1
 
 
 def _read_range(text: str, path: Path, overrides: Sequence[str]) -> Range:

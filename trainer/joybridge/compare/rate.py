@@ -90,7 +90,6 @@ def rate_runs(options: argparse.Namespace) -> None:
     for run, other in configs.items():
         if other.game != config.game:
             raise ConfigError(f"{run} plays {other.game}, expected {config.game} as {first}; name runs of one game")
-    log = [match for match in read_matches(folder) if match.seed != options.seed]
     simulators = choose_simulators(
         wanted_simulators(options), last_simulators(first), config, say, trust=options.trust_run
     )
@@ -116,11 +115,14 @@ def rate_runs(options: argparse.Namespace) -> None:
             )
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
         players |= {name: load_other(name, config.game, spec) for name in options.others}
-        names = list(players)
+        names, before = list(players), read_matches(folder)
+        log = [match for match in before if match.seed != options.seed or not {*names}.issuperset(match.players)]
         anchor = options.anchor or next(iter(trained))
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):
             raise ConfigError(f"--anchor got {anchor!r}, expected one of {', '.join(sorted(known))}")
         say(f"{len(names)} players: {', '.join(names)}")
+        if len(log) < len(before):
+            say(f"{len(before) - len(log):,} matches of these players with this seed are played again")
         played = play_tournament(players, config, address=address, matches=options.matches, seed=options.seed, say=say)
         for result in played:
             seated = tuple(names[holder] for holder in result.holders)

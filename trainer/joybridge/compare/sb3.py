@@ -31,6 +31,8 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, Cells, Row, cells_of, write_cells
 from joybridge.config.overrides import add_overrides, parse_overrides
+from joybridge.config.policy_config import PolicyConfig
+from joybridge.ppo.schedule import anneal
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.origin import keep_origin
 from joybridge.run.sources import note_sources
@@ -137,7 +139,7 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         "batch_size": policy.minibatch_size,
         "n_epochs": policy.epochs,
         "learning_rate": _schedule(policy.learning_rate, policy.learning_rate_schedule),
-        "clip_range": _schedule(policy.clip_range, policy.clip_range_schedule),
+        "clip_range": _clip_range(policy),
         "ent_coef": entropy_coef,
         "vf_coef": policy.vf_coef,
         "gamma": policy.gamma,
@@ -206,6 +208,12 @@ def _summary(episodes: Sequence[tuple[float, float]]) -> Row:
 def _schedule(value: float, kind: str) -> float | Callable[[float], float]:
     """Return a constant, or what falls linearly to 0."""
     return value if kind == "constant" else lambda left: left * value
+
+
+def _clip_range(policy: PolicyConfig) -> float | Callable[[float], float]:
+    """Return a constant, or what falls linearly to the end that it has here, which is not 0."""
+    constant = policy.clip_range_schedule == "constant"
+    return policy.clip_range if constant else lambda left: anneal(1.0 - left, policy).clip_range
 
 
 def _environments(environment: str, number: int, seed: int) -> VecEnv:

@@ -18,7 +18,7 @@ from joybridge.config.config_files import find_config
 from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
-from joybridge.config.overrides import split_values
+from joybridge.config.overrides import split, split_values
 from joybridge.contract.files import read_file
 from joybridge.progress import say
 from joybridge.run.folder import MAX_NAME_CHARS
@@ -105,10 +105,10 @@ class Change(NamedTuple):
 def read_change(text: str) -> Change:
     """Return what a change says: KEY=VALUE, with spaces between several, and "NAME: " before them or not.
 
-    Spaces in brackets do not separate keys. Raises ConfigError.
+    Spaces in brackets and in double quotes do not separate keys. Raises ConfigError.
     """
     name, keys = named.groups() if (named := re.fullmatch(r"\s*([^=:]+?)\s*:\s+(.*)", text)) else ("", text)
-    pairs = [read_values(part, "--change") for part in re.split(r"\s+(?![^\[{]*[\]}])", keys.strip()) if part]
+    pairs = [read_values(part, "--change") for part in split(keys, " ") if part]
     if not pairs or any(len(values) > 1 for _, values in pairs):
         raise ConfigError(
             f"--change got {text!r}, expected KEY=VALUE, or several that are set together, as in "

@@ -25,11 +25,12 @@ _COLUMNS = {
 }  # fmt: skip
 HELD_OUT = "held_out_"  # begins the columns of `evaluate_during`
 KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
+RESERVED = {*KEYS, "game", "layout"}  # what any table adds
 
 
 def column_name(metric: str) -> str:
     """Return the column of a metric of the game: its name, after "game_" if there is another column of that name."""
-    return f"game_{metric}" if is_builtin_metric(metric) or metric in KEYS else metric
+    return f"game_{metric}" if is_builtin_metric(metric) or metric in RESERVED else metric
 
 
 def is_builtin_metric(column: str) -> bool:

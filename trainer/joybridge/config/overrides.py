@@ -1,13 +1,25 @@
 """Command lines that end in overrides of a configuration, "key=value" each."""
 
 import argparse
-import re
 from collections.abc import Sequence
 
 
+def split(text: str, separator: str) -> list[str]:
+    """Return what is between separators, stripped; those in brackets, braces and double quotes do not separate."""
+    parts, depth, quoted = [""], 0, False
+    for char in text:
+        quoted ^= char == '"'
+        depth += 0 if quoted else (char in "[{") - (char in "]}")
+        if char == separator and depth <= 0 and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += char
+    return [part.strip() for part in parts]
+
+
 def split_values(text: str) -> list[str]:
-    """Return the values of a key between commas; commas in brackets and braces do not separate them."""
-    return [value.strip() for value in re.split(r",(?![^\[{]*[\]}])", text)]
+    """Return the values of a key between commas."""
+    return split(text, ",")
 
 
 def add_overrides(parser: argparse.ArgumentParser, text: str) -> None:

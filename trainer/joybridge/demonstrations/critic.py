@@ -57,13 +57,13 @@ def _features(network: Network, parts: Iterable[Demonstrated], scale: float) -> 
     seen: list[Tensor] = []
     returns: list[Tensor] = []
     tower = network.critic or network.actor
-    hook = tower.head.register_forward_pre_hook(lambda module, inputs: seen.append(inputs[0].double()))
-    try:
-        for part in parts:
+    for part in parts:  # making one may pass through the network, too, which the hook must not see
+        hook = tower.head.register_forward_pre_hook(lambda module, inputs: seen.append(inputs[0].double()))
+        try:
             network.heads(part.observations)
-            returns.append(part.returns.double() / scale)
-    finally:
-        hook.remove()
+        finally:
+            hook.remove()
+        returns.append(part.returns.double() / scale)
     if not seen:
         return torch.zeros(0, tower.head.in_features), torch.zeros(0)
     return torch.cat(seen), torch.cat(returns)

@@ -1,8 +1,10 @@
 """Evaluation: play the policies of a run for many episodes; mean results with confidence intervals."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +27,23 @@ class Evaluation:
     timesteps: int  # how long the policy had trained
     episodes: int
     means: Row
-    half_widths: Row
+    half_widths: Row  # NaN where a single episode does not say how they differ
     returns: list[float]  # of every episode, lane by lane
     by_choice: dict[str, float]  # mean reward under each choice of the option `stratify_by`
     changed: dict[str, Change]  # options and parameters that differ from the training, as in "parameters.size"
     behavior: str  # which the policy plays, or a part of
     inputs: Inputs | None  # what the agents of this behavior did with their devices; None: not measured
     random: bool = False  # chance has acted, and not the policy
+
+    def as_data(self) -> dict[str, Any]:
+        """Return everything as JSON has it, with null for a half-width that is not known."""
+        known = {name: None if math.isnan(half) else half for name, half in self.half_widths.items()}
+        return asdict(self) | {"half_widths": known}
+
+    def half_width(self, metric: str) -> str:
+        """Return the half-width of the interval of a metric as text, "?" where it is not known."""
+        half = self.half_widths[metric]
+        return "?" if math.isnan(half) else f"{half:.3f}"
 
 
 def evaluate(
@@ -94,7 +106,7 @@ def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, 
     choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
     groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
     means = np.mean([group.mean(axis=0) for group in groups], axis=0)
-    variances = [group.var(axis=0, ddof=1) / len(group) if len(group) > 1 else 0 * group[0] for group in groups]
+    variances = [group.var(axis=0, ddof=1) / len(group) if len(group) > 1 else np.nan * group[0] for group in groups]
     errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
     names = ["reward", "length", *table.metrics]
     return Evaluation(
@@ -116,9 +128,7 @@ def summary(evaluations: Mapping[str, Evaluation]) -> str:
     for name, result in evaluations.items():
         played = "of random play" if result.random else f"after {result.timesteps:,} timesteps"
         lines.append(f"{name}: {result.episodes} episodes {played}, mean and 95 % confidence")
-        lines += [
-            f"  {metric:<16} {mean:10.3f} ± {result.half_widths[metric]:.3f}" for metric, mean in result.means.items()
-        ]
+        lines += [f"  {metric:<16} {mean:10.3f} ± {result.half_width(metric)}" for metric, mean in result.means.items()]
         if result.by_choice:
             lines.append("  reward by choice " + "  ".join(f"{c}: {mean:.1f}" for c, mean in result.by_choice.items()))
     return "\n".join(lines)

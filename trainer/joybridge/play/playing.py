@@ -105,7 +105,8 @@ class Play:
             f"{key}={_text(change.played)} (trained with {_text(change.trained)})"
             for key, change in self.changed.items()
         ]
-        who = who or (f"policy after {self.timesteps:,} timesteps" if self.timesteps else "policy before its training")
+        timesteps = f"after {self.timesteps:,} timesteps" if self.timesteps else "before its first timestep"
+        who = who or f"policy {timesteps}"
         return "; ".join([f"{who}{actions and f', {actions}'}", *changed])
 
     def view(self) -> PolicyView:

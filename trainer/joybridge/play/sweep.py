@@ -71,9 +71,7 @@ def table(sweep: Sweep, results: Results) -> str:
         rows = [[sweep.key, *first.means]]
         for value, setting in zip(sweep.values, sweep.settings, strict=True):
             result = results[setting][policy]
-            rows.append(
-                [value, *(f"{mean:.3f} ± {result.half_widths[name]:.3f}" for name, mean in result.means.items())]
-            )
+            rows.append([value, *(f"{mean:.3f} ± {result.half_width(name)}" for name, mean in result.means.items())])
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         fewest = min(result[policy].episodes for result in results.values())
         least = "" if len({result[policy].episodes for result in results.values()}) == 1 else "at least "

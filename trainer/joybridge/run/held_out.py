@@ -25,14 +25,18 @@ class HeldOut:
     """What is played, and when."""
 
     def __init__(self, config: Config, spec: pb.GameSpec, address: str) -> None:
-        """Take the settings. spec: of the training. Raises ConfigError and SimulatorError."""
+        """Take the settings; of a curriculum, those of its last lesson. spec: of the training.
+
+        Raises ConfigError and SimulatorError.
+        """
         self._due = config.evaluate_during
         if self._due is None:
             return
+        last = config.curriculum[-1].parameters if config.curriculum else {}
         self._config = config.model_copy(
             update={
                 "options": config.options | self._due.options,
-                "parameters": config.parameters | self._due.parameters,
+                "parameters": config.parameters | last | self._due.parameters,
                 "curriculum": [],
             }
         )

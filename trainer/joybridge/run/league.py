@@ -19,7 +19,7 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.seats import Result
 from joybridge.policy.table import Guest, Table
-from joybridge.run.others import load_other
+from joybridge.run.others import load_other, run_of
 from joybridge.run.pool import LEAGUE, load_pooled, pooled, sampling_weights, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -91,6 +91,11 @@ class League:
         self._matches = np.zeros(bounds[-1], np.int64)  # that were drawn, of each arena
         for name in self._keys.shares:
             if name not in (LEARNER, PAST):
+                if (run := run_of(name)) and not run.exists():
+                    raise ConfigError(
+                        f"opponents.shares: {run} is not the folder of a run: there is no such folder; a league needs "
+                        "those of its opponents, also to go on"
+                    )
                 self._others[name] = number = len(self._actors) + 1
                 self._join(number, load_other(name, config.game, spec))
         self._next = len(self._actors) + 1

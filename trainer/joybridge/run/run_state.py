@@ -59,6 +59,11 @@ class RunState:
 
         Raises CheckpointError.
         """
+        if not any("/policy/adam." in name for name in self.arrays):
+            raise CheckpointError(
+                "the checkpoint has policies and no training to go on with, as that of a clone; begin a new run with "
+                "it, by --from"
+            )
         try:
             for policy, logger in zip(policies, loggers, strict=True):
                 policy.load(select(self.arrays, f"{policy.actor.name}/policy/"))

@@ -12,7 +12,7 @@ from joybridge.client.sharded_session import single_sessions
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.game_settings import drawn
-from joybridge.config.metrics import Row, is_builtin_metric
+from joybridge.config.metrics import HELD_OUT, Row, training_columns
 from joybridge.demonstrations.cloning import demonstrate
 from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import fitting_spec
@@ -269,7 +269,10 @@ def best_metric(config: Config, policy: Policy) -> tuple[str, int]:
     """
     metric = config.best_metric.removeprefix("-")
     known = policy.episodes.columns
-    if metric not in known and not is_builtin_metric(metric):
+    if config.evaluate_during:
+        known = [*known, *(f"{HELD_OUT}{name}" for name in known)]
+    entropies = [f"entropy_{name}" for name in policy.actor.gaussians]
+    if metric not in (*known, *training_columns(), *policy.learner.statistics, *entropies):
         raise ConfigError(f"best_metric: there is no metric {metric!r}; {policy.actor.name} has {', '.join(known)}")
     return metric, -1 if config.best_metric.startswith("-") else 1
 

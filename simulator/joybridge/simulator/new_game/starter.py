@@ -29,20 +29,20 @@ def write_config(spec: pb.GameSpec, place: tuple[str, str], folder: Path) -> str
     path = folder / (re.sub(r"[^\w.-]", "_", spec.name) + ".yaml")
     check_new([path])
     write_new({path: starter_config(spec, f"{GYM}{what}" if named else spec.name)})
-    joybridge, run = shlex.quote(command(folder)), shlex.quote(f"runs/{path.stem}")
-    go = "" if folder.resolve() == Path.cwd() else f"  {shlex.join(['cd', str(folder)])}\n"
+    joybridge, run = shlex.quote(command(Path())), shlex.quote(f"runs/{path.stem}")
+    config = _argument(path.name if folder.resolve() == Path.cwd() else str(path))
     drawn = spec.HasField("picture")
     video = f"\n  {joybridge} record {run} {_argument(f'{path.stem}.mp4')}" if drawn else ""
     return f"""Created {path}, the training of {spec.name}.
 
 Train it{", evaluate the policy and record a video" if drawn else " and evaluate the policy"}:
 
-{go}  {joybridge} train {_argument(path.name)}{with_it} --run {run}
+  {joybridge} train {config}{with_it} --run {run}
   {joybridge} evaluate {run}{video}
 
 Check it in some minutes against the contract, as whether the same seed gives the same episode:
 
-{go}{_check(place, joybridge, spec.name)}"""
+{_check(place, joybridge, spec.name)}"""
 
 
 def _check(place: tuple[str, str], joybridge: str, name: str) -> str:
