@@ -16,6 +16,7 @@ from gymnasium.spaces import Box, Discrete
 from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 
+from joybridge.compare import sb3
 from joybridge.compare.environments import check_spaces
 from joybridge.compare.sb3 import arguments_of, main
 from joybridge.compare.variants import Variant, beside
@@ -98,6 +99,22 @@ def test_a_run_has_the_rows_of_ours_and_is_evaluated_at_its_end(name, tmp_path):
     assert rows[-1]["held_out_episodes"] == 3 and "held_out_reward" not in rows[0]
     assert (tmp_path / "config.yaml").exists() and (tmp_path / "model.zip").exists()
     assert run_origins(tmp_path)[0].packages["stable_baselines3"]
+
+
+def test_runs_of_two_seeds_are_evaluated_in_different_episodes(tmp_path, monkeypatch):
+    made, seeds = sb3._environments, []
+
+    def environments(environment, number, seed):
+        seeds.append({*range(seed, seed + number)})
+        return made(environment, number, seed)
+
+    monkeypatch.setattr(sb3, "_environments", environments)
+    for seed in (0, 1):
+        run = tmp_path / f"{seed}"
+        run.mkdir()
+        assert main([str(find_config("classic/cartpole")), "--run", str(run), *SMALL, f"seed={seed}"]) == 0
+    trained, evaluated, other_trained, other_evaluated = seeds
+    assert len(evaluated) == 3 and not evaluated & (trained | other_trained | other_evaluated)
 
 
 def test_a_game_that_is_no_environment_is_refused(tmp_path, capsys):

@@ -39,7 +39,9 @@ from joybridge.run.sources import note_sources
 
 FINISHED = "config.yaml"  # in the folder of a run, when all is done
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU, "elu": nn.ELU, "swish": nn.SiLU}
-OTHER_SEED = 10_000  # of the evaluation: the games are not those of the training
+# Of the evaluation, times the number of the seed: the games are neither those of the training nor those of another run,
+# since environment i of a run gets its seed + i.
+OTHER_SEED = 10_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,7 +78,7 @@ def train(options: argparse.Namespace) -> None:
     model.save(run / "model.zip")
     if config.evaluate_during:
         episodes = config.evaluate_during.episodes
-        others = _environments(environment, min(episodes, 16), config.seed + OTHER_SEED)
+        others = _environments(environment, min(episodes, 16), OTHER_SEED * (config.seed + 1) % 2**32)
         metrics.finish(evaluate(model, others, episodes))
     write_atomically(run / FINISHED, dump_config(config).encode())
 
