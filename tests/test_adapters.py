@@ -195,6 +195,7 @@ def test_one_game_that_cannot_be_closed_leaves_the_others_closed():
     [
         (f"gym:{HERE}:Spaces-v0 kind=unbounded", r"action\[0\] lies in -inf..3, but an axis needs finite bounds"),
         (f"gym:{HERE}:Spaces-v0 kind=text", "words is Text, expected Box, Discrete, MultiDiscrete, MultiBinary"),
+        (f"gym:{HERE}:Spaces-v0 kind=empty", r"observation has the shape \(2, 0\), so no number; leave it out"),
         (f"gym:{HERE}:Masked-v0 where=short", "the action mask has 4 flags, expected 5, one per choice"),
         ("gym:Nowhere-v0", "--gym 'Nowhere-v0' does not work: NameNotFound"),
         ("gym:CartPole-v1 fast", "got the argument 'fast', expected KEY=VALUE"),

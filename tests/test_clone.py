@@ -216,14 +216,19 @@ def interrupt(*_):
     ("more", "message"),
     [
         (["--config", "archer/hybrid"], r"error: archer/hybrid is for archer, but .* shows hybrid; name another"),
+        (
+            ["--config", "{same}", "options.masks=on"],
+            r"error: options.masks: got 'on', but .* shows .*'off'",
+        ),
         (["--layout", "bucket-x"], "error: layout: unknown layout 'bucket-x'"),
         (["policy.scale_observations=running"], "cannot be scaled alike; set it to bounds or none"),
         (["policy.learning_rate=1e30"], "the loss is not finite; take a smaller policy.learning_rate"),
     ],
 )
 def test_what_cannot_be_cloned_is_named(more, message, demos, tmp_path, capsys):
-    run = tmp_path / "run"
-    assert main(["clone", str(demos), "--run", str(run), *more]) == 1
+    run, same = tmp_path / "run", tmp_path / "same.yaml"
+    same.write_text("game: hybrid\n")
+    assert main(["clone", str(demos), "--run", str(run), *(word.format(same=same) for word in more)]) == 1
     assert re.search(message, capsys.readouterr().err)
     assert not (run / "config.yaml").exists()
 

@@ -187,6 +187,7 @@ def test_a_hand_with_several_limits_is_one_value(run, simulator, capsys):
         (["evaluate", "--over", "parameters.drift"], "as in parameters.size=0.5,1,2"),
         (["evaluate", "--over", "parameters.drift=1,,2"], "as in parameters.size=0.5,1,2"),
         (["evaluate", "--over", "parameters.drift=1,1"], "names a value twice"),
+        (["evaluate", "--over", "parameters.drift=1,1.0"], "names a value twice"),
         (["record", "play.avi"], "play.avi: unknown video format '.avi', expected .mp4, .mkv, .mov, .gif"),
         (["record", "play"], "play: unknown video format ''"),
         (["record", "play.mp4", "arenas=3"], "arenas belongs to the training"),

@@ -99,7 +99,8 @@ class Spaces(gymnasium.Env):  # type: ignore[misc]
 
     def __init__(self, kind):
         box = spaces.Box(-1, 1, (1,))
-        self.observation_space = spaces.Dict({"words": spaces.Text(5)}) if kind == "text" else box
+        odd = {"text": spaces.Dict({"words": spaces.Text(5)}), "empty": spaces.Box(-1, 1, (2, 0))}
+        self.observation_space = odd.get(kind, box)
         self.action_space = spaces.Box(-np.inf, 3.0, (2,)) if kind == "unbounded" else box
 
 

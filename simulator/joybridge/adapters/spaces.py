@@ -62,6 +62,8 @@ class AgentSpaces:
 
     def _add_sensor(self, name: str, path: tuple[Any, ...], space: Any) -> None:
         read: Callable[[Any], Array]
+        if 0 in (space.shape or ()):
+            raise AdapterError(f"{name} has the shape {space.shape}, so no number; leave it out by a wrapper")
         if isinstance(space, spaces.Box):
             shape = space.shape or (1,)
             made = sensor(name, shape, _bounds(space.low, min), _bounds(space.high, max), dtype=_dtype(space.dtype))

@@ -107,6 +107,9 @@ def _config(file: str, overrides: Sequence[str], recorded: Recorded, folder: Pat
     config = load_config(find_config(file), overrides)
     if config.game != recorded.game:
         raise ConfigError(f"{file} is for {config.game}, but {folder} shows {recorded.game}; name another --config")
+    for name, value in read_overrides(overrides).get("options", {}).items():
+        if recorded.options.get(name) != value:
+            raise ConfigError(f"options.{name}: got {value!r}, but {folder} shows {recorded.options}; leave it out")
     return config.model_copy(update=known)
 
 

@@ -185,6 +185,8 @@ def _check_what_varies(parser: argparse.ArgumentParser, options: argparse.Namesp
         parser.error("name a configuration, or a suite with --suite")
     if options.suite and (options.search or options.also or options.beside):
         parser.error("--search, --also and --beside are for one configuration, not for a suite")
+    if options.suite and options.metric != "reward":
+        parser.error("--metric is for one configuration; each task of a suite has its own")
     if options.tasks and not options.suite:
         parser.error("--tasks are those of a suite; name it with --suite")
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from joybridge.compare.launch import seed_words
+from joybridge.compare.launch import number, seed_words
 from joybridge.compare.names import file_name, page_mark
 from joybridge.compare.page_parts import PICTURES, escaped, page_html, picture_block, table, write_files
 from joybridge.compare.page_settings import own_settings
@@ -65,6 +65,9 @@ def again(options: argparse.Namespace) -> str:
     words += ["--set", *options.set] if options.set else []
     words += ["--change", *options.change] if options.change else []
     words += ["--pairs", *options.pairs] if options.pairs else []
+    words += ["--ppo", options.ppo] if options.ppo != "{}" else []
+    words += ["--behavior", options.behavior] if options.behavior else []
+    words += ["--score", number(options.score)] if options.score is not None else []
     words += ["--figures", options.figures] if options.figures else []
     return shlex.join([*words, *seed_words(options), "--output", options.output.name, *options.overrides])
 

@@ -59,7 +59,7 @@ def read_sweep(text: str) -> Sweep:
     if not known or not all(sweep.values):
         wanted = " or ".join(f"{FORMS[form]},…" for form in (*OF_THE_GAME, "hand"))
         raise ConfigError(f"--over got {text!r}, expected {wanted}, as in parameters.size=0.5,1,2")
-    if len(set(sweep.values)) < len(sweep.values):
+    if len({float(value) if NUMBER.fullmatch(value) else value for value in sweep.values}) < len(sweep.values):
         raise ConfigError(f"--over got {text!r}, which names a value twice; name each value once")
     return sweep
 
