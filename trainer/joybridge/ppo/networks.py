@@ -52,8 +52,7 @@ class Tower(nn.Module):
         self.activation = ACTIVATIONS[activation]
         self.hidden = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(sizes))
         self.memory = None if memory is None else Memory(memory.kind, sizes[-1], memory.size)
-        self.features = sizes[-1] if memory is None else memory.size  # that the head gets
-        self.head = nn.Linear(self.features, outputs, bias=False)
+        self.head = nn.Linear(sizes[-1] if memory is None else memory.size, outputs, bias=False)
 
     @property
     def layers(self) -> list[nn.Linear]:
