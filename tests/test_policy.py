@@ -118,8 +118,10 @@ def test_who_plays_keeps_its_noise_for_as_many_decisions_as_the_layout_says():
     for t, numbers in enumerate(drawn):
         np.testing.assert_array_equal(numbers[:, 1:], drawn[t - t % 3][:, 1:])
     assert len({numbers.tobytes() for numbers in drawn}) == 6 and len({n[:, 1:].tobytes() for n in drawn}) == 2
-    player.act(step, acts[0], np.array([1]))
-    assert player.noise.normal.shape == (1, 17)
+    for _ in range(2):  # where lanes come and go, as those of an opponent, each decision has its own
+        player.act(step, acts[0], np.array([1]))
+        drawn.append(player.noise.normal)
+    assert drawn[-1].shape == drawn[-2].shape == (1, 17) and not (drawn[-1] == drawn[-2]).any()
 
 
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "ordinal-5", "threshold-0.0", "multiagent"])

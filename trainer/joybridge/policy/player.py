@@ -56,7 +56,7 @@ class PolicyPlayer:
         lanes, layout, space = len(own.choices), self.actor.layout, self.actor.layout.space
         masks = np.zeros((lanes, len(space.branches), space.widest), np.float32)
         fill_masks(None if allowed is None else layout.masks(allowed), masks)
-        self.noise = self._draw_noise(lanes)
+        self.noise = self._draw_noise(lanes, keep=held is None)
         acted = self.actor.act(seen, masks, self.noise, deterministic=self.deterministic)
         acted = acted.of_deciding(seen, None if step.deciding is None else step.deciding[where])
         layout.write(acted.action.continuous, acted.action.discrete, own, allowed)
@@ -64,13 +64,16 @@ class PolicyPlayer:
         if self._memory is not None:
             self._memory[where] = acted.memory
 
-    def _draw_noise(self, lanes: int) -> Noise:
-        """Return the noise of the next decision, some of which may be kept from the one before in as many lanes."""
+    def _draw_noise(self, lanes: int, *, keep: bool) -> Noise:
+        """Return the noise of the next decision, of which that stays which a distribution keeps for several.
+
+        keep: or not, where lanes come and go: then samples depend on no decision before.
+        """
         holds = self.actor.network.noise_holds
         drawn = draw_noise(self.rng, (lanes, len(holds)), (lanes, len(self.actor.layout.space.branches)))
         kept = self._acts % holds > 0
         self._acts += 1
-        if kept.any() and len(self.noise.normal) == lanes:
+        if keep and kept.any():
             return drawn._replace(normal=np.where(kept, self.noise.normal, drawn.normal))
         return drawn
 
