@@ -32,6 +32,7 @@ __all__ = [
     "ProtectedAddress",
     "add_credentials_arguments",
     "bearer",
+    "check_credentials",
     "credentials_of",
     "load_credentials",
     "read_pem",

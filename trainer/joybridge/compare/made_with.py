@@ -11,7 +11,8 @@ from typing import NamedTuple
 from pydantic import TypeAdapter
 
 from joybridge.compare.page_parts import escaped
-from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
+from joybridge.config.files import write_atomically
+from joybridge.config.json_files import ONLY_FOR_PEOPLE, read_json
 from joybridge.run.origin import Origin, run_origins
 from joybridge.run.sources import noted_sources
 

@@ -20,7 +20,7 @@ from joybridge.compare.suites import SUITES, Task
 from joybridge.compare.table import read_table
 from joybridge.compare.variants import read_variants
 from joybridge.config.errors import ConfigError
-from joybridge.config.files import read_json
+from joybridge.config.json_files import read_json
 from joybridge.config.metrics import numbers
 from joybridge.progress import say
 

@@ -19,7 +19,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter
 
-from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
+from joybridge.config.files import write_atomically
+from joybridge.config.json_files import ONLY_FOR_PEOPLE, read_json
 
 FILE = "origin.json"  # in the folder of a run
 MAX_BYTES = 2**24  # of it

@@ -13,7 +13,8 @@ from pydantic import TypeAdapter
 from joybridge.client.own_runs import is_ours, sign
 from joybridge.config.config import Config
 from joybridge.config.errors import StorageError, UntrustedRunError
-from joybridge.config.files import read_json, write_atomically
+from joybridge.config.files import write_atomically
+from joybridge.config.json_files import read_json
 from joybridge.contract.text import printable
 from joybridge.layouts.mixed import kinds_of
 

@@ -21,7 +21,8 @@ from sysconfig import get_path
 from pydantic import TypeAdapter
 
 from joybridge.config.config import Config
-from joybridge.config.files import ONLY_FOR_PEOPLE, read_json, write_atomically
+from joybridge.config.files import write_atomically
+from joybridge.config.json_files import ONLY_FOR_PEOPLE, read_json
 from joybridge.contract.files import read_file
 from joybridge.layouts.find import GROUP
 from joybridge.layouts.mixed import kinds_of
