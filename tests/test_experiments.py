@@ -371,7 +371,8 @@ def test_the_bytes_of_a_table_do_not_depend_on_the_order_of_its_runs(tmp_path):
 
 
 def test_a_metric_of_a_game_never_takes_the_place_of_a_key():
-    assert [column_name(key) for key in KEYS] == [f"game_{key}" for key in KEYS]
+    keys = [*KEYS, "game", "layout"]
+    assert [column_name(key) for key in keys] == [f"game_{key}" for key in keys]
     assert not any(map(is_builtin_metric, KEYS))
 
 

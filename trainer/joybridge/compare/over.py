@@ -76,14 +76,9 @@ def _span(config: Config, spec: pb.GameSpec, key: str) -> tuple[float, float] | 
         return None
     usual = config.parameters.get(name, *(each.default_value for each in spec.parameters if each.name == name))
     trained = [lesson.parameters.get(name, usual) for lesson in config.curriculum] or [usual]
-    numbers = _numbers(trained)
+    lists = [next(iter(value.values())) if isinstance(value, Mapping) else [value] for value in trained]
+    numbers = [number for each in lists for number in each]
     return min(numbers), max(numbers)
-
-
-def _numbers(values: Sequence[float | Mapping[str, Sequence[float]]]) -> list[float]:
-    """Return all numbers in values of parameters, the ends of distributions included."""
-    lists = [next(iter(value.values())) if isinstance(value, Mapping) else [value] for value in values]
-    return [number for numbers in lists for number in numbers]
 
 
 def write_over_page(over: Over, setting: Setting, folder: Path) -> list[Path]:

@@ -140,8 +140,8 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         "n_steps": policy.rollout_steps,
         "batch_size": policy.minibatch_size,
         "n_epochs": policy.epochs,
-        "learning_rate": _schedule(policy.learning_rate, policy.learning_rate_schedule),
-        "clip_range": _clip_range(policy),
+        "learning_rate": _schedule(policy, "learning_rate"),
+        "clip_range": _schedule(policy, "clip_range"),
         "ent_coef": entropy_coef,
         "vf_coef": policy.vf_coef,
         "gamma": policy.gamma,
@@ -207,15 +207,11 @@ def _summary(episodes: Sequence[tuple[float, float]]) -> Row:
     return {"episodes": len(rewards), "reward": mean(rewards), "reward_std": pstdev(rewards), "length": mean(lengths)}
 
 
-def _schedule(value: float, kind: str) -> float | Callable[[float], float]:
-    """Return a constant, or what falls linearly to 0."""
-    return value if kind == "constant" else lambda left: left * value
-
-
-def _clip_range(policy: PolicyConfig) -> float | Callable[[float], float]:
-    """Return a constant, or what falls linearly to the end that it has here, which is not 0."""
-    constant = policy.clip_range_schedule == "constant"
-    return policy.clip_range if constant else lambda left: anneal(1.0 - left, policy).clip_range
+def _schedule(policy: PolicyConfig, name: str) -> float | Callable[[float], float]:
+    """Return a coefficient: a number if it is constant, or what gives its value here for the share that is left."""
+    if getattr(policy, f"{name}_schedule") == "constant":
+        return float(getattr(policy, name))
+    return lambda left: float(getattr(anneal(1.0 - left, policy), name))
 
 
 def _environments(environment: str, number: int, seed: int) -> VecEnv:
