@@ -7,6 +7,7 @@ from pathlib import Path
 
 from joybridge.client.command_line import run_command
 from joybridge.contract.argument_types import command_parser
+from joybridge.play.text_table import aligned
 from joybridge.run.results import table
 
 WIDEST = 60  # characters of a cell
@@ -29,9 +30,7 @@ def _runs(options: argparse.Namespace) -> None:
         return
     columns = list(dict.fromkeys(column for line in lines for column in line))
     rows = [columns, *([_cut(line.get(column, "")) for column in columns] for line in lines)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip())
+    print("\n".join(aligned(rows, numbers=False)))
 
 
 def _cut(text: str) -> str:

@@ -227,6 +227,11 @@ class Config(Checked):
         one = self.played[name]
         return self.model_copy(update={"game": one.game, "options": one.options, "parameters": one.parameters})
 
+    def in_last_lesson(self) -> "Config":
+        """Return the configuration whose parameters are those of the last lesson of its curriculum, if it has one."""
+        last = self.curriculum[-1].parameters if self.curriculum else {}
+        return self.model_copy(update={"parameters": self.parameters | last, "curriculum": []})
+
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
         merged = merge(self.policy.model_dump(), self.policies.get(name, {}))

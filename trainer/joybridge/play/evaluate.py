@@ -14,6 +14,7 @@ from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 from joybridge.play.input_statistics import InputMeasures, Inputs
 from joybridge.play.playing import Change, Play, PlaySpec, open_play
+from joybridge.play.text_table import aligned
 from joybridge.policy.episodes import Episodes, equal_shares
 from joybridge.progress import Progress
 
@@ -152,10 +153,7 @@ def inputs_table(results: Mapping[str, Mapping[str, Evaluation]]) -> str:
         rows = [[name, *(_cell(inputs.measures.get(name)) for inputs in played.values())] for name in names]
         if len(played) > 1:
             rows.insert(0, ["", *played])
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for name, *cells in rows:
-            aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
-            lines.append("  ".join(["", f"{name:<{widths[0]}}", *aligned]))
+        lines += [f"  {line}" for line in aligned(rows)]
     return "\n".join(lines)
 
 

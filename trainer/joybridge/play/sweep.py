@@ -9,6 +9,7 @@ from joybridge.config.config import OF_THE_GAME, HandConfig
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import split_values
 from joybridge.config.wrong_keys import FORMS
+from joybridge.play.text_table import aligned
 
 if TYPE_CHECKING:  # a wrong value is refused before torch is loaded
     from matplotlib.figure import Figure
@@ -72,13 +73,10 @@ def table(sweep: Sweep, results: Results) -> str:
         for value, setting in zip(sweep.values, sweep.settings, strict=True):
             result = results[setting][policy]
             rows.append([value, *(f"{mean:.3f} ± {result.half_width(name)}" for name, mean in result.means.items())])
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         fewest = min(result[policy].episodes for result in results.values())
         least = "" if len({result[policy].episodes for result in results.values()}) == 1 else "at least "
         lines.append(f"{policy}: {least}{fewest} episodes per value, mean and 95 % confidence")
-        for key, *cells in rows:
-            aligned = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
-            lines.append("  ".join(["", f"{key:<{widths[0]}}", *aligned]))
+        lines += [f"  {line}" for line in aligned(rows)]
     return "\n".join(lines)
 
 

@@ -144,11 +144,9 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     trained, config = run_config(run), load_config(run / "config.yaml", overrides)
     check_code(run, trained)
     check_playable(trained, config, str(run))
-    if not config.curriculum:
-        return config
-    parameters, chosen = config.parameters, given.get("parameters", {})
-    last = {name: value for name, value in config.curriculum[-1].parameters.items() if name not in chosen}
-    return config.model_copy(update={"parameters": parameters | last, "curriculum": []})
+    last = config.in_last_lesson()
+    chosen = {name: config.parameters[name] for name in given.get("parameters", {})}
+    return last.model_copy(update={"parameters": last.parameters | chosen})
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

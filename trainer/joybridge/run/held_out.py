@@ -32,12 +32,11 @@ class HeldOut:
         self._due = config.evaluate_during
         if self._due is None:
             return
-        last = config.curriculum[-1].parameters if config.curriculum else {}
-        self._config = config.model_copy(
+        last = config.in_last_lesson()
+        self._config = last.model_copy(
             update={
-                "options": config.options | self._due.options,
-                "parameters": config.parameters | last | self._due.parameters,
-                "curriculum": [],
+                "options": last.options | self._due.options,
+                "parameters": last.parameters | self._due.parameters,
             }
         )
         # A run that stops early, to go on later, is not at its end: a curve is that of a run that never stopped.
