@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from joybridge.compare import command
+from joybridge.compare import command, tested
 from joybridge.compare.job import Job
 from joybridge.compare.launch import different_bodies, make_job, scored_policy
 from joybridge.compare.table import TABLE, add_results, read_table
@@ -152,9 +152,9 @@ def test_the_page_says_that_the_variants_differ_in_their_networks(whole):
     assert said in page(whole)
 
 
-def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copied, simulator):
+def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copied, simulator, monkeypatch):
     more = "--test", "parameters.size=0.5", "--episodes", "6", "--deterministic"
-    done = run_in(copied, simulator, *more)
+    done = run_in(copied, "", *more)
     assert done.status == 0, done.errors
     assert_same(copied, whole)  # the page of the training, beside it
     name = "-test_parameters.size=0.5-deterministic"
@@ -168,6 +168,11 @@ def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copie
     plays = PlaySpec(OUT / "runs/bucket-3-s1", simulator, SEED, True, ["parameters.size=0.5"])
     found = evaluate(plays, episodes=6, say=lambda _: None)["archer"]
     assert len(scores) == 4 and scores["bucket-3", "1"] == found.means["reward"]
+    with monkeypatch.context() as patch:
+        patch.setattr(tested, "open_simulators", lambda *_: pytest.fail("a simulator is started"))
+        again = run_in(copied, "", *more, "--metric", "accuracy")
+    assert again.status == 0, again.errors
+    assert f"bucket-3-s1: accuracy {found.means['accuracy']:.4g}" in again.errors
     shutil.rmtree(OUT / "runs/hybrid-s0")
     lost = run_in(copied, simulator, *more)
     assert lost.status == 1 and "missing: hybrid-s0: out/runs/hybrid-s0 is not the folder of a run" in lost.errors

@@ -23,7 +23,10 @@ OUT = Path("out")
 
 
 def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done:
-    """Compare two layouts with two seeds in a folder. draw: also draw the pictures, which takes a second."""
+    """Compare two layouts with two seeds in a folder.
+
+    simulator: an address; "": the command starts one. draw: also draw the pictures, which takes a second.
+    """
     with pytest.MonkeyPatch.context() as patch:
         if not draw:
             patch.setattr(pages, "draw_pictures", lambda *_: [])
@@ -31,5 +34,6 @@ def run_in(folder: Path, simulator: str, *more: str, draw: bool = False) -> Done
         patch.setattr(launch, "start", train_here)
         patch.setattr(grid, "POLL_SECONDS", 0.0)  # they have ended when they are polled
         Path("small.yaml").write_text(SMALL)
-        shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT), "--simulator", simulator]
-        return joybridge("compare", "small.yaml", *shared, *more)
+        shared = ["--layouts", "hybrid", "bucket-3", "--seeds", "2", "--output", str(OUT)]
+        at = ["--simulator", simulator] if simulator else []
+        return joybridge("compare", "small.yaml", *shared, *at, *more)

@@ -119,9 +119,10 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
                 done[job] = finished_run(job, policies[jobs[job]], results, options)
             except JoybridgeError as error:
                 failed[job] = str(error)
-    scored = [done]
+    scored, played = [done], None
     if options.test is not None:
-        scored, untested = test_runs(done, {job: policies[label] for job, label in jobs.items()}, options)
+        played = made_with(own_origin(), sources, packages)
+        scored, untested = test_runs(done, {job: policies[label] for job, label in jobs.items()}, options, played)
         failed |= untested
     missing = [f"{job.name}: {failed[job].removeprefix('error: ')}" for job in jobs if job in failed]
     for text in missing:
@@ -146,7 +147,7 @@ def compare_variants(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], 
             *left_seeds(jobs, results),
         ],
         made_with=read_made_with(options.output),
-        played=None if options.test is None else made_with(own_origin(), sources, packages),
+        played=played,
     )
     if options.over:
         trained = trained_span(variants, specs, options.over.key)

@@ -2,12 +2,16 @@
 
 import argparse
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 from joybridge.client.command_line import wanted_simulators
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job
+from joybridge.compare.kept_tests import PlayedTest, Reached, find_result, keep_result
+from joybridge.compare.made_with import MadeWith
 from joybridge.compare.scores import Run
 from joybridge.compare.table import TABLE
 from joybridge.compare.variants import TRAINERS, Variant, config_path
@@ -18,6 +22,7 @@ from joybridge.config.metrics import measured_columns
 from joybridge.contract.argument_types import Once, at_least
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import minutes_left, say
+from joybridge.run.checkpoint import checkpoints
 from joybridge.run.folder import check_playable
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -106,30 +111,35 @@ def test_marks(options: argparse.Namespace) -> list[str]:
 
 
 def test_runs(
-    runs: Mapping[Job, Run], policies: Mapping[Job, str], options: argparse.Namespace
+    runs: Mapping[Job, Run], policies: Mapping[Job, str], options: argparse.Namespace, played_with: MadeWith
 ) -> tuple[list[dict[Job, Run]], dict[Job, str]]:
     """Return the runs with what their newest policies have reached in a test as scores, and why others have none.
 
-    There is an entry for each of the settings that `test_settings` lists, with the same runs in all. policies: whose
-    metric counts; "": the only one.
+    There is an entry for each of the settings that `test_settings` lists, with the same runs in all. What a run has
+    played before, with the same things, is not played again. policies: whose metric counts; "": the only one.
     """
-    from joybridge.play.evaluate import evaluate  # after the training: torch takes seconds to load
-    from joybridge.play.playing import PlaySpec
-
     tested, failed = list[dict[Job, Run]](), dict[Job, str]()
-    played, total, begin = 0, len(runs) * len(test_settings(options)), time.monotonic()
+    done, played, total, begin = 0, 0, len(runs) * len(test_settings(options)), time.monotonic()
     say(f"{len(runs)} runs play {options.episodes} episodes each{_of_values(options)}, one after the other")
-    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
-        address = connect()[0]
+    with ExitStack() as opened:
+        address = ""  # of a simulator, which is started when the first run has to play
         for settings in test_settings(options):
             reached = dict[Job, Run]()
             for job, run in runs.items():
-                played += 1
+                done += 1
                 if job in failed:
                     continue
-                plays = PlaySpec(job.run, address, SEED, options.deterministic, settings)
+                test = PlayedTest(
+                    settings, options.episodes, options.deterministic, SEED, _newest(job.run), played_with
+                )
                 try:
-                    found = evaluate(plays, episodes=options.episodes, say=lambda _: None)
+                    # The game of a simulator that is running may have changed without a trace.
+                    found = None if options.simulator else find_result(job.run, test)
+                    if found is None:
+                        address = address or opened.enter_context(_simulator(options))
+                        found = _play(job.run, test, address)
+                        keep_result(job.run, test, found)
+                        played += 1
                 except JoybridgeError as error:
                     failed[job] = str(error)
                     continue
@@ -137,10 +147,32 @@ def test_runs(
                 mean = measured.means[options.metric]
                 reached[job] = replace(run, measured=mean, episodes=measured.episodes)
                 under = f" under {' '.join(settings)}" if options.over else ""
-                left = minutes_left((time.monotonic() - begin) / played * (total - played))
-                say(f"{played} of {total}: {job.name}: {options.metric} {mean:.4g}{under}{left}")
+                left = minutes_left((time.monotonic() - begin) / max(played, 1) * (total - done))
+                say(f"{done} of {total}: {job.name}: {options.metric} {mean:.4g}{under}{left}")
             tested.append(reached)
     return [{job: run for job, run in reached.items() if job not in failed} for reached in tested], failed
+
+
+@contextmanager
+def _simulator(options: argparse.Namespace) -> Iterator[str]:
+    """Yield the address of a simulator."""
+    with open_simulators(wanted_simulators(options), options.wait, say) as connect:
+        yield connect()[0]
+
+
+def _play(run: Path, test: PlayedTest, address: str) -> dict[str, Reached]:
+    """Return what each policy of a run reaches in a test. Raises JoybridgeError."""
+    from joybridge.play.evaluate import evaluate  # after the training: torch takes seconds to load
+    from joybridge.play.playing import PlaySpec
+
+    plays = PlaySpec(run, address, test.seed, test.deterministic, test.settings)
+    found = evaluate(plays, episodes=test.episodes, say=lambda _: None)
+    return {name: Reached(each.episodes, each.means) for name, each in found.items()}
+
+
+def _newest(run: Path) -> int:
+    """Return the timesteps of the newest checkpoint of a run; 0 if it has none."""
+    return max((int(each.name) for each in checkpoints(run)), default=0)
 
 
 def _of_values(options: argparse.Namespace) -> str:
