@@ -16,11 +16,11 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
+from joybridge.adapters.environment_game import EnvironmentGame
+from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.contract.places import environment_name
-from joybridge.contract.tensors import Array
 from joybridge.simulator import Game, TimeStep, behavior, parameter, spec, termination, transition, truncation
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -66,22 +66,15 @@ def _register(environment: str) -> None:
             point.load()()
 
 
-class GymnasiumGame(Game):
-    """One environment. `adapt` creates the subclass for each ID."""
+class GymnasiumGame(EnvironmentGame):
+    """One environment with one agent."""
 
-    make: ClassVar[Any]
     spaces: ClassVar[AgentSpaces]
     metrics: ClassVar[list[str]]
-    made: ClassVar[pb.GameSpec]
-
-    @classmethod
-    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec that was made from the spaces."""
-        return cls.made
 
     def __init__(self) -> None:
         """Make the environment."""
-        self.env = self.make()
+        super().__init__()
         self.action_masks = _action_masks(self.env)
 
     def reset(self) -> TimeStep:
@@ -100,14 +93,6 @@ class GymnasiumGame(Game):
             ended = termination if terminated else truncation
             return ended(seen, rewards, {name: _number(info.get(name)) or 0.0 for name in self.metrics})
         return transition(seen, rewards, self.spaces.masks(observation, info, self.action_masks()))
-
-    def draw(self) -> Array:
-        """Return what the environment renders."""
-        return draw(self.env)
-
-    def close(self) -> None:
-        """Close the environment."""
-        close(self.env)
 
 
 def _action_masks(env: Any) -> Callable[[], Any]:

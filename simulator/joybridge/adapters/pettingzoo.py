@@ -11,12 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from joybridge.adapters.rendering import choose_rendering, close, draw, making, tick_seconds
+from joybridge.adapters.environment_game import EnvironmentGame
+from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
-from joybridge.contract.tensors import Array
 from joybridge.simulator import Action, Game, TimeStep, behavior, spec, termination, transition, truncation, waiting
-from joybridge.v1 import bridge_pb2 as pb
 
 
 def adapt(text: str) -> type[Game]:
@@ -33,8 +32,9 @@ def adapt(text: str) -> type[Game]:
     arguments, picture = choose_rendering(make, arguments)
     with making(make, arguments) as env:
         if not getattr(env, "possible_agents", None):
-            text = "the environment has no possible_agents; joybridge.v1 needs to know how many there may be"
-            raise AdapterError(text)
+            raise AdapterError(
+                "the environment has no possible_agents; joybridge.v1 needs to know how many there may be"
+            )
         behaviors, seconds = _behaviors(env), tick_seconds(env)
     game: Any = type(
         "AdaptedGame",
@@ -49,8 +49,8 @@ def adapt(text: str) -> type[Game]:
     game.made = spec(
         game,
         [
-            behavior(kind, sensors=s.sensors, axes=s.axes, branches=s.branches, agents=len(agents))
-            for kind, (agents, s) in behaviors.items()
+            behavior(each, sensors=s.sensors, axes=s.axes, branches=s.branches, agents=len(agents))
+            for each, (agents, s) in behaviors.items()
         ],
         tick_seconds=seconds,
         max_arenas=MAX_ARENAS,
@@ -74,21 +74,10 @@ def _behaviors(env: Any) -> dict[str, tuple[list[str], AgentSpaces]]:
     return behaviors
 
 
-class PettingZooGame(Game):
+class PettingZooGame(EnvironmentGame):
     """One environment with several agents, in the order of `spaces`."""
 
-    make: ClassVar[Any]
     spaces: ClassVar[dict[str, AgentSpaces]]  # of every possible agent
-    made: ClassVar[pb.GameSpec]
-
-    @classmethod
-    def describe(cls, options: Mapping[str, str]) -> pb.GameSpec:
-        """Return the spec that was made from the spaces."""
-        return cls.made
-
-    def __init__(self) -> None:
-        """Make the environment."""
-        self.env = self.make()
 
     def reset(self) -> list[TimeStep]:
         """Begin an episode with the next seed of the arena's stream."""
@@ -98,14 +87,6 @@ class PettingZooGame(Game):
             agent: {one.name: np.zeros(one.shape) for one in spaces.sensors} for agent, spaces in self.spaces.items()
         }
         return self._begin(int(self.rng.integers(SEEDS)))
-
-    def draw(self) -> Array:
-        """Return what the environment renders."""
-        return draw(self.env)
-
-    def close(self) -> None:
-        """Close the environment."""
-        close(self.env)
 
     def _begin(self, seed: int) -> list[TimeStep]:
         raise NotImplementedError

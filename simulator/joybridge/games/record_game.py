@@ -9,10 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from joybridge.simulator import Array, BatchedGame, check_range
+from joybridge.simulator import Array, BatchedGame, check_range, spec
 from joybridge.simulator.distributions import draw_parameters
 from joybridge.simulator.randomness import Streams, open_streams, restore_streams, save_streams
 from joybridge.v1 import bridge_pb2 as pb
+
+STREAM_BYTES = 64  # that the stream of an arena and the number of its episode take in a snapshot, at most
 
 
 class RecordGame(BatchedGame):
@@ -27,6 +29,25 @@ class RecordGame(BatchedGame):
     parameters: ClassVar[list[pb.Parameter]]
 
     streams: Streams
+
+    @classmethod
+    def record_spec(
+        cls, agent: pb.Behavior, *, picture: tuple[int, int], max_arenas: int = 4096, **more: Any
+    ) -> pb.GameSpec:
+        """Return the spec of a game of one behavior, which has snapshots, and parameters that may be drawn.
+
+        more: see `spec`.
+        """
+        return spec(
+            cls,
+            [agent],
+            parameters=cls.parameters,
+            max_arenas=max_arenas,
+            picture=picture,
+            snapshot_bytes_per_arena=cls.arena_dtype.itemsize + STREAM_BYTES,
+            parameters_per_episode=bool(cls.parameters),
+            **more,
+        )
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int

@@ -25,7 +25,6 @@ from joybridge.simulator import (
     option,
     parameter,
     sensor,
-    spec,
 )
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import Streams
@@ -149,17 +148,13 @@ class BeastlyRivals(PointerGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(
-            cls,
-            [survivor],
-            parameters=PARAMETERS,
+        return cls.record_spec(
+            survivor,
             decision_interval=r.DECISION_TICKS,
             tick_seconds=r.TICK,
             max_episode_decisions=r.CLOCK_TICKS // r.DECISION_TICKS,
             max_arenas=cls.max_arenas(options),
             picture=PICTURE,
-            snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
-            parameters_per_episode=True,
         )
 
     def __init__(

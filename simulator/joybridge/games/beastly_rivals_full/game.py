@@ -32,7 +32,6 @@ from joybridge.simulator import (
     option,
     parameter,
     quiet_step,
-    spec,
 )
 from joybridge.simulator.randomness import Streams, reserve
 from joybridge.v1 import bridge_pb2 as pb
@@ -124,17 +123,12 @@ class BeastlyRivalsFull(RecordGame):
             scripts=SCRIPTS,
             agents=players,
         )
-        return spec(
-            cls,
-            [rival],
-            parameters=PARAMETERS,
+        return cls.record_spec(
+            rival,
             decision_interval=DECISION_TICKS,
             tick_seconds=TICK,
             max_episode_decisions=MAX_DECISIONS,
-            max_arenas=4096,
             picture=PICTURE,
-            snapshot_bytes_per_arena=ARENA.itemsize + 64,
-            parameters_per_episode=True,
         )
 
     def __init__(

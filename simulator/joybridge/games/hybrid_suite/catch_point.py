@@ -9,7 +9,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from joybridge.games.hybrid_suite.particle import (
-    ARENA,
     FORCE,
     NEAR,
     PICTURE,
@@ -19,7 +18,7 @@ from joybridge.games.hybrid_suite.particle import (
     drift,
 )
 from joybridge.games.hybrid_suite.suite_game import CHANNELS, METRICS, TERMINATED, TRUNCATED
-from joybridge.simulator import ActArrays, Array, axis, behavior, branch, option, spec
+from joybridge.simulator import ActArrays, Array, axis, behavior, branch, option
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.trigonometry import cosine, sine
 from joybridge.v1 import bridge_pb2 as pb
@@ -60,13 +59,10 @@ class CatchPoint(ParticleGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(
-            cls,
-            [catcher],
+        return cls.record_spec(
+            catcher,
             max_episode_decisions=int(options["decisions"]),
-            max_arenas=4096,
             picture=PICTURE,
-            snapshot_bytes_per_arena=ARENA.itemsize + 64,
         )
 
     def __init__(

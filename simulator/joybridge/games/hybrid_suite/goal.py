@@ -18,7 +18,6 @@ from joybridge.simulator import (
     option,
     parameter,
     sensor,
-    spec,
 )
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import reserve
@@ -98,14 +97,9 @@ class Goal(SuiteGame):
             channels=cls.channels,
             metrics=METRICS,
         )
-        return spec(
-            cls,
-            [striker],
-            parameters=PARAMETERS,
-            max_arenas=4096,
+        return cls.record_spec(
+            striker,
             picture=PICTURE,
-            snapshot_bytes_per_arena=s.ARENA.itemsize + 64,
-            parameters_per_episode=True,
         )
 
     @classmethod

@@ -10,7 +10,6 @@ from functools import cache
 import numpy as np
 
 from joybridge.games.hybrid_suite.particle import (
-    ARENA,
     FORCE,
     NEAR,
     PICTURE,
@@ -20,7 +19,7 @@ from joybridge.games.hybrid_suite.particle import (
     drift,
 )
 from joybridge.games.hybrid_suite.suite_game import CHANNELS, METRICS, TERMINATED, TRUNCATED
-from joybridge.simulator import ActArrays, Array, axis, behavior, branch, button, option, spec
+from joybridge.simulator import ActArrays, Array, axis, behavior, branch, button, option
 from joybridge.simulator.compiled import compiled
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -59,13 +58,10 @@ class HardMove(ParticleGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(
-            cls,
-            [mover],
+        return cls.record_spec(
+            mover,
             max_episode_decisions=DECISIONS,
-            max_arenas=4096,
             picture=PICTURE,
-            snapshot_bytes_per_arena=ARENA.itemsize + 64,
         )
 
     def __init__(

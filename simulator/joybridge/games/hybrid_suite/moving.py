@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from joybridge.games.hybrid_suite.suite_game import CHANNELS, COMMON, METRICS, TERMINATED, SuiteGame, distance_to_target
-from joybridge.simulator import ActArrays, Array, axis, behavior, branch, check_range, sensor, spec
+from joybridge.simulator import ActArrays, Array, axis, behavior, branch, check_range, sensor
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import Streams, reserve, uniform
 from joybridge.simulator.trigonometry import arctangent, cosine, sine
@@ -70,7 +70,7 @@ class Moving(SuiteGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(cls, [driver], max_arenas=4096, picture=PICTURE, snapshot_bytes_per_arena=ARENA.itemsize + 64)
+        return cls.record_spec(driver, picture=PICTURE)
 
     def begin_where(self, which: Array) -> None:
         """Put agent and target at random places."""

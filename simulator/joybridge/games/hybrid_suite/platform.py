@@ -25,7 +25,7 @@ from joybridge.games.hybrid_suite.platform_rules import (
     advance,
 )
 from joybridge.games.hybrid_suite.suite_game import CHANNELS, METRICS, SuiteGame
-from joybridge.simulator import ActArrays, Array, axis, behavior, branch, check_range, parameter, sensor, spec
+from joybridge.simulator import ActArrays, Array, axis, behavior, branch, check_range, parameter, sensor
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import reserve
 from joybridge.v1 import bridge_pb2 as pb
@@ -72,15 +72,10 @@ class Platform(SuiteGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return spec(
-            cls,
-            [player],
-            parameters=PARAMETERS,
+        return cls.record_spec(
+            player,
             max_episode_decisions=DECISIONS,
-            max_arenas=4096,
             picture=PICTURE,
-            snapshot_bytes_per_arena=ARENA.itemsize + 64,
-            parameters_per_episode=True,
         )
 
     def begin_where(self, which: Array) -> None:

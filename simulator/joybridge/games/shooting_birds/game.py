@@ -27,7 +27,6 @@ from joybridge.simulator import (
     option,
     parameter,
     sensor,
-    spec,
 )
 from joybridge.simulator.compiled import compiled
 from joybridge.simulator.randomness import reserve
@@ -149,16 +148,12 @@ class ShootingBirds(PointerGame):
             channels=CHANNELS,
             metrics=[*METRICS, *([] if options["camera"] == "fixed" else [camera.METRIC])],
         )
-        return spec(
-            cls,
-            [hunter],
-            parameters=PARAMETERS,
+        return cls.record_spec(
+            hunter,
             tick_seconds=r.TICK,
             max_episode_decisions=r.EPISODE_TICKS,
             max_arenas=cls.max_arenas(options),
             picture=PICTURE,
-            snapshot_bytes_per_arena=r.ARENA.itemsize + 64,
-            parameters_per_episode=True,
         )
 
     def __init__(
