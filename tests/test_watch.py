@@ -10,8 +10,7 @@ from joybridge.client.errors import SimulatorLost
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.train import train
-from joybridge.viewer import run_view, watched_game
-from joybridge.viewer import watch as watching
+from joybridge.viewer import run_view, watched_game, web
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.run_view import watch
 from joybridge.viewer.watched_game import watch_game
@@ -145,5 +144,5 @@ def test_the_command_watches_a_game_at_an_address(simulator, monkeypatch, capsys
         page.close()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(watching, "wait_for_interrupt", visit)
+    monkeypatch.setattr(web, "wait_for_interrupt", visit)
     assert main(["watch", simulator, "--game", "hybrid", "--port", "0", "--no-browser"]) == 0

@@ -1,18 +1,15 @@
-"""What commands that use simulators share: the options for them, types of arguments, errors and exit statuses."""
+"""What commands that use several simulators share: the options for them, games of one's own, and what comes next."""
 
 import argparse
-import json
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from joybridge.client.signals import interrupt_on_signals
 from joybridge.client.simulator_source import SimulatorSource
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import programs_of, with_names
 from joybridge.contract.address import address
 from joybridge.contract.argument_types import seconds
 from joybridge.contract.credentials import add_credentials_arguments, check_credentials
-from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 
@@ -24,24 +21,6 @@ ENVIRONMENTS = {  # options for games that are no classes of ours: what each nam
     "unity": ("BUILD", "a player of Unity ML-Agents"),
     "unity-port": ("PORT", "a player of Unity ML-Agents that is started by hand"),
 }
-
-
-def run_command(command: Callable[[argparse.Namespace], int | None], options: argparse.Namespace) -> int:
-    """Run a command and return its exit status (None is 0). Errors and interrupts become a line on standard error."""
-    interrupt_on_signals()
-    try:
-        return command(options) or 0
-    except JoybridgeError as error:
-        say(f"error: {error}")
-        if getattr(options, "json", False):
-            print(json.dumps({"error": {"code": error.code, "text": str(error)}}))
-        return error.exit_status
-    except OSError as error:
-        say(f"error: {error.filename or 'the output'}: {error.strerror or error}")
-        return 1
-    except KeyboardInterrupt:
-        say("interrupted")
-        return 130
 
 
 def add_simulator_options(parser: argparse.ArgumentParser, last: str = "") -> None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joybridge.client.command_line import add_game_options, add_own_game, run_command, say_next
+from joybridge.client.command_line import add_game_options, add_own_game, say_next
 from joybridge.client.recording import load_recording
+from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import SimulatorSource, remember
 from joybridge.config.config import Config, load_config, make_config
 from joybridge.config.config_files import find_config, merge, read_overrides

@@ -10,8 +10,9 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from joybridge.client.client import Session
-from joybridge.client.command_line import add_trust_option, run_command
+from joybridge.client.command_line import add_trust_option
 from joybridge.client.launch import simulator_process
+from joybridge.client.run_command import run_command, search_here
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import merged_place
@@ -49,7 +50,7 @@ Decisions = Iterator[tuple[float, bool]]  # the reward of each, and whether it w
 
 
 def _drive(options: argparse.Namespace) -> None:
-    sys.path.insert(0, str(Path.cwd()))
+    search_here()
     if sys.platform == "linux" and not any(os.environ.get(name) for name in DISPLAYS):
         raise ConfigError(
             "there is no display on which a window could open: start this in a desktop session, or, to see nothing, "

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from joybridge.client.command_line import run_command, say_next
+from joybridge.client.command_line import say_next
+from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import last_simulators
 from joybridge.commands.playing import games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.contract.places import PYGAME

@@ -4,7 +4,6 @@ They show in seconds whether a game draws what it does, for example that "up" is
 """
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -15,6 +14,7 @@ import numpy as np
 from joybridge.client.client import Session, describe, wait_for
 from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_at, choose_game
+from joybridge.client.run_command import protected, run_command, search_here
 from joybridge.commands.contact_sheet import Line, Tile, write_sheet
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_or_config import game_or_config
@@ -24,17 +24,14 @@ from joybridge.contract.address import address, is_address
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.credentials import (
-    Credentials,
-    ProtectedAddress,
     add_credentials_arguments,
-    load_credentials,
 )
-from joybridge.contract.errors import JoybridgeError
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.layouts.random_acts import obey_masks, press_at_random
 from joybridge.play.pointer_marks import mark_pointers
 from joybridge.policy.encoder import ObservationEncoder
+from joybridge.progress import say
 from joybridge.v1 import bridge_pb2 as pb
 
 APART = 0.3  # seconds of game time between two pictures, about
@@ -43,23 +40,20 @@ WAIT = 3.0  # seconds for a simulator to answer
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    options = _parse(arguments, prog)
-    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
-    try:
-        credentials = load_credentials(options.tls_ca, options.token_file)
-        what, settings = game_or_config(options.what, options.overrides)
-        with _open(what, options.game, credentials, settings, options.seed) as session:
-            spec = session.spec
-            if not spec.HasField("picture"):
-                raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
-            every = decisions_apart(spec)
-            write_sheet(list(islice(random_play(session, every, options.seed), options.pictures)), options.output)
-    except JoybridgeError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    return run_command(_look, _parse(arguments, prog))
+
+
+def _look(options: argparse.Namespace) -> None:
+    search_here()
+    what, settings = game_or_config(options.what, options.overrides)
+    with _open(what, settings, options) as session:
+        spec = session.spec
+        if not spec.HasField("picture"):
+            raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+        every = decisions_apart(spec)
+        write_sheet(list(islice(random_play(session, every, options.seed), options.pictures)), options.output)
     apart = f"{every} decisions" if every > 1 else "decision"
     print(f"{options.output}: {options.pictures} pictures of {spec.name}, one every {apart}\n{spec.description}")
-    return 0
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
@@ -83,32 +77,31 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     )
     add_overrides(look, "options and parameters of the game, e.g. parameters.size=0.5")
     options = parse_overrides(parser, arguments)
-    if (options.tls_ca or options.token_file) and not is_address(options.what):
+    at = is_address(options.what)
+    if (options.tls_ca or options.token_file) and not at:
         look.error("--tls-ca and --token-file belong to the address of a running simulator")
-    if options.game and not is_address(options.what):
+    if options.game and not at:
         look.error("--game belongs to the address of a running simulator; give the game in place of the address")
     return options
 
 
 @contextmanager
-def _open(
-    what: str, game: str | None, credentials: Credentials, settings: GameSettings, seed: int
-) -> Iterator[Session]:
+def _open(what: str, settings: GameSettings, options: argparse.Namespace) -> Iterator[Session]:
     """Open a session of one arena, at a simulator that is running or is started for it. Raises JoybridgeError.
 
-    The game is `what`, or `game` of the simulator at the address `what`.
+    what: a game, or the address of a simulator, whose game the options name.
     """
     if not is_address(what):
         name, places = choose_game(what, (), None)
-        with simulator_process(places) as place, _begin(place, name, settings, seed) as session:
+        with simulator_process(places) as place, _begin(place, name, settings, options.seed) as session:
             yield session
         return
     try:
-        place = ProtectedAddress(address(what), credentials)
+        place = protected(address(what), options)
     except argparse.ArgumentTypeError as error:
         raise ConfigError(str(error)) from None
-    wait_for(place, WAIT, lambda text: print(text, file=sys.stderr))
-    with _begin(place, choose_at(place, game), settings, seed) as session:
+    wait_for(place, WAIT, say)
+    with _begin(place, choose_at(place, options.game), settings, options.seed) as session:
         yield session
 
 

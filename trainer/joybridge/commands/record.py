@@ -4,7 +4,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import run_command, say_next
+from joybridge.client.command_line import say_next
+from joybridge.client.run_command import run_command
 from joybridge.commands.playing import add_others, games_played, open_player, parse_playing, play_spec, playing_parser
 from joybridge.config.errors import ConfigError
 from joybridge.contract.argument_types import at_least, seconds

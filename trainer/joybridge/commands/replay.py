@@ -14,12 +14,12 @@ from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
     check_simulator_options,
-    run_command,
     wanted_simulators,
 )
 from joybridge.client.errors import SimulatorError
 from joybridge.client.fault_log import FAULTS
 from joybridge.client.recording import Recording, RecordingError, digest, load_recording
+from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import SimulatorSource, last_simulators, open_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import read_settings

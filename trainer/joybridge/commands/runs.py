@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import run_command
+from joybridge.client.run_command import run_command
 from joybridge.contract.argument_types import command_parser
 from joybridge.play.text_table import aligned
 from joybridge.run.results import table

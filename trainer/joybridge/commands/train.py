@@ -18,11 +18,11 @@ from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
     check_simulator_options,
-    run_command,
     say_next,
     wanted_simulators,
 )
 from joybridge.client.errors import SimulatorError, SimulatorLost
+from joybridge.client.run_command import run_command
 from joybridge.client.signals import leaving_on_signals
 from joybridge.client.simulator_source import (
     Remembered,

@@ -5,7 +5,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import add_simulator_options, check_simulator_options, run_command
+from joybridge.client.command_line import add_simulator_options, check_simulator_options
+from joybridge.client.run_command import run_command
 from joybridge.compare.ranges import PRUNE_FROM, is_fixed
 from joybridge.compare.suites import SUITES
 from joybridge.compare.tested import EPISODES, add_test_options

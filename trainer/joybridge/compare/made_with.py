@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from pydantic import TypeAdapter
 
-from joybridge.compare.page_parts import escaped
 from joybridge.config.files import write_atomically
 from joybridge.config.json_files import ONLY_FOR_PEOPLE, read_json
 from joybridge.run.origin import Origin, run_origins
@@ -84,16 +83,3 @@ def changed_sources(noted: Sequence[MadeWith]) -> list[str]:
         for name, mark in each.sources.items():
             marks.setdefault(name, set()).add(mark)
     return sorted(name for name, found in marks.items() if len(found) > 1)
-
-
-def made_with_block(noted: Sequence[MadeWith], played: MadeWith | None) -> str:
-    """Return the section of the page as Markdown, "" if nothing is known. played: what a test was made with."""
-    lines = [f"- {_words(each)}" for each in noted]
-    lines += [f"- the test: {_words(played)}"] if played else []
-    return "\n".join(["## Made with", "", *lines]) if lines else ""
-
-
-def _words(each: MadeWith) -> str:
-    words = [f"{name} {found}" for name, found in each.versions.items()]
-    words += [f"{name} (files {mark})" for name, mark in each.sources.items()]
-    return escaped("; ".join([", ".join(words), *([f"on {each.machine}"] if each.machine else [])]))

@@ -13,10 +13,10 @@ import numpy as np
 
 from joybridge.compare.analysis import Band, center
 from joybridge.compare.estimators import Estimate, estimate, interquartile_mean
-from joybridge.compare.made_with import made_with_block
 from joybridge.compare.page import intervals_sentences, runs_text, warnings
 from joybridge.compare.page_numbers import Setting, latex, tabular
 from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table, write_files
+from joybridge.compare.page_settings import made_with_block
 from joybridge.compare.pictures import draw_over, draw_themes
 from joybridge.compare.scores import Run
 from joybridge.compare.variants import Variant

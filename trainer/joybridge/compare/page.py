@@ -9,7 +9,7 @@ from statistics import mean
 
 from joybridge.compare.analysis import SIGNIFICANCE, Analysis, Result, center, least_seeds
 from joybridge.compare.estimators import RESAMPLES
-from joybridge.compare.made_with import changed_sources, made_with_block
+from joybridge.compare.made_with import changed_sources
 from joybridge.compare.page_numbers import Setting, as_data, pairs_csv, pairs_tex, scores_csv, scores_tex
 from joybridge.compare.page_pairs import pairs_blocks, smallest_p_text
 from joybridge.compare.page_parts import (
@@ -22,6 +22,7 @@ from joybridge.compare.page_parts import (
     table,
     write_files,
 )
+from joybridge.compare.page_settings import made_with_block
 from joybridge.compare.pictures import CAPTIONS, draw_pictures
 from joybridge.compare.scores import LEAST
 

@@ -1,4 +1,4 @@
-"""What a comparison compares: in which keys its variants differ, what searches found, and what all variants share."""
+"""What a comparison compares: in which keys its variants differ, what all share, and what the runs were made with."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -6,6 +6,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from joybridge.compare.made_with import MadeWith
 from joybridge.compare.page_parts import escaped, table
 from joybridge.compare.variants import FREE, Variant
 from joybridge.config.config import Config
@@ -63,3 +64,16 @@ def _found(path: Path) -> str:
     with path.open(encoding="utf-8") as file:
         first = next(islice(file, 1), "")
     return first.removeprefix("# ").strip() if first.startswith(FOUND) else ""
+
+
+def made_with_block(noted: Sequence[MadeWith], played: MadeWith | None) -> str:
+    """Return the section of the page as Markdown, "" if nothing is known. played: what a test was made with."""
+    lines = [f"- {_with_words(each)}" for each in noted]
+    lines += [f"- the test: {_with_words(played)}"] if played else []
+    return "\n".join(["## Made with", "", *lines]) if lines else ""
+
+
+def _with_words(each: MadeWith) -> str:
+    words = [f"{name} {found}" for name, found in each.versions.items()]
+    words += [f"{name} (files {mark})" for name, mark in each.sources.items()]
+    return escaped("; ".join([", ".join(words), *([f"on {each.machine}"] if each.machine else [])]))

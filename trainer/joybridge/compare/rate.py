@@ -14,9 +14,9 @@ from joybridge.client.command_line import (
     add_simulator_options,
     add_trust_option,
     check_simulator_options,
-    run_command,
     wanted_simulators,
 )
+from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing

@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch import nn
 from torch.optim import AdamW
 
-from joybridge.client.command_line import run_command
+from joybridge.client.run_command import run_command
 from joybridge.compare.environments import is_registered
 from joybridge.config.config import Config, dump_config, load_config
 from joybridge.config.errors import ConfigError

@@ -1,7 +1,7 @@
 """`joybridge minari`: write demonstrations as datasets of Minari, one for each behavior. Needs no torch."""
 
+import argparse
 import re
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from joybridge.client.demonstration_log import SUFFIX
+from joybridge.client.run_command import run_command
 from joybridge.config.errors import ConfigError, StorageError
 from joybridge.config.files import storing
 from joybridge.contract.argument_types import command_parser
-from joybridge.contract.errors import JoybridgeError
 from joybridge.demonstrations.episodes import Episode, finished_episodes
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.minari.reading import OURS
@@ -36,17 +36,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     minari.add_argument(
         "output", type=Path, help="the folder of the datasets; Minari finds it by the variable MINARI_DATASETS_PATH"
     )
-    options = parser.parse_args(arguments)
-    try:
-        for line in export(options.demos, options.output):
-            print(line)
-    except JoybridgeError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    return 0
+    return run_command(_export, parser.parse_args(arguments))
+
+
+def _export(options: argparse.Namespace) -> None:
+    for line in export(options.demos, options.output):
+        print(line)
 
 
 def export(demos: Path, output: Path) -> Iterator[str]:

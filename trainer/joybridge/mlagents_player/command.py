@@ -1,75 +1,57 @@
 """`joybridge mlagents`: a trainer of ML-Agents trains a game of Joybridge."""
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 from joybridge.client.client import Session, describe, wait_for
 from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_game
-from joybridge.client.signals import interrupt_on_signals
+from joybridge.client.run_command import add_one_simulator, protected, run_command, search_here
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.address import address
 from joybridge.contract.argument_types import PORTS, at_least, command_parser, seconds
 from joybridge.contract.credentials import (
-    ProtectedAddress,
-    add_credentials_arguments,
     check_credentials,
-    load_credentials,
 )
-from joybridge.contract.errors import JoybridgeError
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import PORT
 from joybridge.mlagents_player.connection import connect, play
 from joybridge.mlagents_player.player import Player
+from joybridge.progress import say
 
 WAIT = 10.0  # seconds for a simulator to answer
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    options = _parse(arguments, prog)
-    interrupt_on_signals()
-    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
-    try:
-        with ExitStack() as resources:
-            settings = read_settings(options.overrides)
-            name, place = resources.enter_context(_simulator(options))
-            check_settings(*settings, describe(place, name, settings.options))
-
-            def begin(trainer: ml.TrainerHello) -> Player:
-                seed, arenas = trainer.seed % 2**32, options.arenas or max(1, trainer.num_areas)
-                session = Session(place, name, arenas=arenas, seed=seed, **settings._asdict())
-                return Player(resources.enter_context(session), seed, statistics=not options.no_statistics)
-
-            exchange = resources.enter_context(connect(options.port, options.wait, _say))
-            steps = play(exchange, name, begin)
-    except JoybridgeError as error:
-        _say(f"error: {error}")
-        return 1
-    except KeyboardInterrupt:
-        _say("interrupted")
-        return 130
-    _say(f"the trainer has ended after {steps} steps of {name}")
-    return 0
+    return run_command(_play, _parse(arguments, prog))
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+def _play(options: argparse.Namespace) -> None:
+    search_here()
+    with ExitStack() as resources:
+        settings = read_settings(options.overrides)
+        name, place = resources.enter_context(_simulator(options))
+        check_settings(*settings, describe(place, name, settings.options))
+
+        def begin(trainer: ml.TrainerHello) -> Player:
+            seed, arenas = trainer.seed % 2**32, options.arenas or max(1, trainer.num_areas)
+            session = Session(place, name, arenas=arenas, seed=seed, **settings._asdict())
+            return Player(resources.enter_context(session), seed, statistics=not options.no_statistics)
+
+        exchange = resources.enter_context(connect(options.port, options.wait, say))
+        steps = play(exchange, name, begin)
+    say(f"the trainer has ended after {steps} steps of {name}")
 
 
 @contextmanager
 def _simulator(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     """Yield the name of the game and the address of a simulator, which is running or is started for it."""
-    place = None
-    if options.simulator:
-        place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+    place = protected(options.simulator, options) if options.simulator else None
     name, places = choose_game(options.what, options.game, place)
     if place:
-        wait_for(place, WAIT, _say)
+        wait_for(place, WAIT, say)
         yield name, place
         return
     with simulator_process(places) as started:
@@ -83,20 +65,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         "Play the part of a Unity player: a trainer of ML-Agents, such as mlagents-learn, trains the game.",
     )
     player.add_argument("what", metavar="GAME", help="a game, by its name or as MODULE:CLASS")
-    player.add_argument(
-        "--simulator",
-        type=address,
-        metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
-    )
-    add_credentials_arguments(player)
-    player.add_argument(
-        "--game",
-        action="append",
-        default=[],
-        metavar="MODULE:CLASS",
-        help="another game for the simulator that this command starts; the current folder is searched first",
-    )
+    add_one_simulator(player)
     player.add_argument(
         "--port",
         "--mlagents-port",

@@ -22,4 +22,4 @@ page/            the page: HTML, style and JavaScript modules, without a build s
 from joybridge.cli import Command
 
 PLAY = Command("joybridge.viewer.play", "viewer", "play a game in the browser")
-WATCH = Command("joybridge.viewer.watch", "train,viewer", "watch a training that runs, or a game, in the browser")
+WATCH = Command("joybridge.viewer.watch", "train,viewer", "watch a running training, or a game, in the browser")

@@ -1,7 +1,6 @@
 """`joybridge play`: play a game in the browser."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,21 +9,16 @@ from typing import TYPE_CHECKING
 
 from joybridge.client.client import describe
 from joybridge.client.own_games import choose_game
-from joybridge.client.signals import interrupt_on_signals, wait_for_interrupt
+from joybridge.client.run_command import add_one_simulator, protected, run_command, search_here
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.address import address
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser, seconds
 from joybridge.contract.codec import lane_count
 from joybridge.contract.credentials import (
-    ProtectedAddress,
-    add_credentials_arguments,
     check_credentials,
-    load_credentials,
 )
-from joybridge.contract.errors import JoybridgeError
 from joybridge.viewer.page_options import add_page_options
 
 if TYPE_CHECKING:
@@ -36,39 +30,30 @@ if TYPE_CHECKING:
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    options = _parse(arguments, prog)
+    return run_command(_play, _parse(arguments, prog))
+
+
+def _play(options: argparse.Namespace) -> None:
     from joybridge.viewer.arena import Settings
     from joybridge.viewer.page_session import welcome
     from joybridge.viewer.simulator import Simulator
-    from joybridge.viewer.web import open_browser, open_website
+    from joybridge.viewer.web import open_website, show
 
-    interrupt_on_signals()
-    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
-    try:
-        named, chosen = game_or_config(options.what, options.overrides)
-        settings = Settings(options.seed, chosen.options, chosen.parameters)
-        place = None
-        if options.simulator:
-            place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
-        game, games = choose_game(named, options.game, place)
-        with Simulator(place, games) as simulator:
-            what, settings = _what(options, game, settings)
-            spec = describe(simulator.reach(), game, settings.options)
-            check_settings(settings.options, settings.parameters, spec)
-            _check_seats(options, game, sum(lane_count(behavior, 1) for behavior in spec.behaviors))
-            with open_website(options.port, welcome(simulator, what, settings)) as url:
-                recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
-                together = f"open it in {what.people} tabs, one for each player\n" if what.people > 1 else ""
-                print(f"play {game} at {url}\n{together}{recorded}Ctrl-C ends it", flush=True)
-                if not options.no_browser:
-                    open_browser(url)
-                wait_for_interrupt()
-    except JoybridgeError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 0
-    return 0
+    search_here()
+    named, chosen = game_or_config(options.what, options.overrides)
+    settings = Settings(options.seed, chosen.options, chosen.parameters)
+    place = protected(options.simulator, options) if options.simulator else None
+    game, games = choose_game(named, options.game, place)
+    with Simulator(place, games) as simulator:
+        what, settings = _what(options, game, settings)
+        spec = describe(simulator.reach(), game, settings.options)
+        check_settings(settings.options, settings.parameters, spec)
+        _check_seats(options, game, sum(lane_count(behavior, 1) for behavior in spec.behaviors))
+        with open_website(options.port, welcome(simulator, what, settings)) as url:
+            recorded = f"what you play is recorded in {options.demos}\n" if options.demos else ""
+            together = f"open it in {what.people} tabs, one for each player\n" if what.people > 1 else ""
+            print(f"play {game} at {url}\n{together}{recorded}Ctrl-C ends it", flush=True)
+            show(url, browser=not options.no_browser)
 
 
 def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
@@ -82,20 +67,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         metavar="GAME|CONFIG",
         help="a game, by its name or as MODULE:CLASS, or a configuration, with its options and parameters",
     )
-    play.add_argument(
-        "--simulator",
-        type=address,
-        metavar="ADDRESS",
-        help="HOST:PORT or unix:PATH of a running simulator; default: this command starts one",
-    )
-    add_credentials_arguments(play)
-    play.add_argument(
-        "--game",
-        action="append",
-        default=[],
-        metavar="MODULE:CLASS",
-        help="another game for the simulator that this command starts; the current folder is searched first",
-    )
+    add_one_simulator(play)
     play.add_argument("--seed", type=at_least(0, SEEDS), default=0, help="of the game; default %(default)s")
     play.add_argument(
         "--timeout",

@@ -1,7 +1,6 @@
-"""`joybridge watch`: watch a training that runs, or a game of a running simulator, in the browser."""
+"""`joybridge watch`: watch a running training, or a game of a running simulator, in the browser."""
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,19 +8,16 @@ from pathlib import Path
 from joybridge.client.client import describe
 from joybridge.client.command_line import add_trust_option
 from joybridge.client.own_games import choose_at
-from joybridge.client.signals import interrupt_on_signals, wait_for_interrupt
+from joybridge.client.run_command import protected, run_command, search_here
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address, is_address
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.credentials import (
-    ProtectedAddress,
     add_credentials_arguments,
     check_credentials,
-    load_credentials,
 )
-from joybridge.contract.errors import JoybridgeError
 from joybridge.viewer.page_options import add_page_options
 
 ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for lost
@@ -29,23 +25,16 @@ ANSWER_SECONDS = 10.0  # for an answer of the simulator, before it is taken for 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
     """Run the command line, the command first, and return its exit status."""
-    options = _parse(arguments, prog)
-    from joybridge.viewer.web import open_browser  # not before: help needs no further package
+    return run_command(_watch, _parse(arguments, prog))
 
-    interrupt_on_signals()
-    sys.path.insert(0, str(Path.cwd()))  # the script `joybridge`, unlike `python -m`, does not search it
-    try:
-        with (_game if is_address(options.what) else _run)(options) as (what, url):
-            print(f"watch {what} at {url}\nCtrl-C ends it", flush=True)
-            if not options.no_browser:
-                open_browser(url)
-            wait_for_interrupt()
-    except JoybridgeError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return error.exit_status
-    except KeyboardInterrupt:
-        return 0
-    return 0
+
+def _watch(options: argparse.Namespace) -> None:
+    from joybridge.viewer.web import show  # not before: help needs no further package
+
+    search_here()
+    with (_game if is_address(options.what) else _run)(options) as (what, url):
+        print(f"watch {what} at {url}\nCtrl-C ends it", flush=True)
+        show(url, browser=not options.no_browser)
 
 
 @contextmanager
@@ -67,7 +56,7 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
     check_code(run, config)
     place, games = None, tuple[str, ...]()
     if options.simulator:
-        place = ProtectedAddress(options.simulator, load_credentials(options.tls_ca, options.token_file))
+        place = protected(options.simulator, options)
     else:
         games = last_simulators(run).believed(options.trust_run).games
     with (
@@ -83,15 +72,14 @@ def _run(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
 
 @contextmanager
 def _game(options: argparse.Namespace) -> Iterator[tuple[str, str]]:
-    """Show a game of a running simulator; the same. Raises JoybridgeError."""
+    """Show a game of a running simulator; yield the same as `_run`. Raises JoybridgeError."""
     from joybridge.viewer.arena import Settings
     from joybridge.viewer.simulator import Simulator
     from joybridge.viewer.watched_game import watch_game
     from joybridge.viewer.web import open_website
 
     try:
-        credentials = load_credentials(options.tls_ca, options.token_file)
-        place = ProtectedAddress(address(options.what), credentials)
+        place = protected(address(options.what), options)
     except argparse.ArgumentTypeError as error:
         raise ConfigError(str(error)) from None
     chosen = read_settings(options.overrides)
@@ -109,7 +97,7 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     parser, watch = command_parser(
         prog,
         "watch",
-        "Watch a training that runs: its learning curves, and its newest policies at play. It only reads "
+        "Watch a running training: its learning curves, and its newest policies at play. It only reads "
         "the folder of the run. Or watch random play of a game of a running simulator.",
     )
     watch.add_argument(

@@ -24,6 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
+from joybridge.client.signals import wait_for_interrupt
 from joybridge.config.errors import ConfigError
 from joybridge.viewer.messages import MAX_MESSAGE_BYTES
 
@@ -117,6 +118,14 @@ def open_website(
     ) as server:
         Thread(target=server.serve_forever, daemon=True).start()
         yield website.url
+
+
+def show(url: str, *, browser: bool) -> None:
+    """Show a page until the command is interrupted. browser: open it there."""
+    if browser:
+        open_browser(url)
+    with suppress(KeyboardInterrupt):
+        wait_for_interrupt()
 
 
 def open_browser(url: str) -> None:
