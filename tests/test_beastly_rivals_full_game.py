@@ -234,7 +234,7 @@ def test_zero_sum_rewards_are_differences_to_the_mean_of_the_others_and_add_up_t
     for steps in zip(*(play_at_random(game, 700) for game in games), strict=True):
         for total, step in zip(totals, steps, strict=True):
             total += np.where(np.repeat(ended, 4)[:, None], 0.0, step.rewards)
-        ended |= (steps[0].terminated | steps[0].truncated).reshape(8, 4).any(axis=1)
+        ended |= steps[0].ends.reshape(8, 4).any(axis=1)
     assert ended.all()
     zero_sum, own = (total.reshape(8, 4, 6) for total in totals)
     assert zero_sum.sum(axis=1) == pytest.approx(np.zeros((8, 6)), abs=1e-3)

@@ -146,7 +146,7 @@ def play_beside(run, simulator, runtime, *, deterministic=False):
             masked += sum(int((~mask).sum()) for mask in before.masks)
             seen.append(np.hstack([theirs.axes, theirs.choices]))
             model.store(decision.after[0])
-            state[decision.after[0].terminated | decision.after[0].truncated] = 0
+            state[decision.after[0].ends] = 0
     assert masked > 50
     assert (np.concatenate(seen).std(axis=0) > 0.05).all()  # every axis and branch was moved
     return document

@@ -130,7 +130,7 @@ def play_elsewhere(run, simulator, players, count, *, index=0, deterministic=Fal
             names = [sensor.name for sensor in behavior.sensors]
             branches = [branch.name for branch in behavior.device.branches]
             observed = zip(names, before.observations, strict=True)
-            waits, ends = before.deciding is not None and not before.deciding[0], after.terminated | after.truncated
+            waits, ends = before.deciding is not None and not before.deciding[0], after.ends
             if first or not waits:
                 decisions.append(
                     {

@@ -158,11 +158,7 @@ def test_lanes_take_turns_and_hear_of_rewards_when_they_decide_or_end(simulator)
         kinds, step, deciders, earned = started.spec.behaviors, started.step, [], []
         for clock in range(10):
             parts = [Codec(kind, 1).unpack_step(message) for message, kind in zip(step.behaviors, kinds, strict=True)]
-            flags = [
-                flag
-                for part in parts
-                for flag in (np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding)
-            ]
+            flags = [flag for part in parts for flag in part.decides]
             deciders.append(flags.index(True))
             assert sum(flags) == 1
             step = stream.ask(duel([0.75, 0.25], 1)).step

@@ -74,8 +74,7 @@ def orchard_expert(step: StepArrays, act: ActArrays) -> None:
 
 def noughts_expert(step: StepArrays, act: ActArrays) -> None:
     """Take the first field that perfect play takes."""
-    deciding = np.ones(len(act.choices), bool) if step.deciding is None else step.deciding
-    for lane in np.flatnonzero(deciding):
+    for lane in np.flatnonzero(step.decides):
         own, other = (_bits(marks[lane]) for marks in step.observations)
         free = [field for field in noughts.FIELDS if not (own | other) >> field & 1]
         act.choices[lane, 0] = max(free, key=lambda field: -noughts.outcome(other, own | 1 << field))

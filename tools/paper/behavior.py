@@ -182,7 +182,7 @@ def play(run: Path, address: str, *, episodes: int, seed: int) -> tuple[Trace, i
             step = decision.after[0]
             _fill(trace.sensors.values(), t, decision.before[0].observations)
             _fill(trace.pressed.values(), t, decision.acts[0].choices.T == 1)
-            trace.ended[t] = step.terminated | step.truncated
+            trace.ended[t] = step.ends
             if step.metrics is not None:
                 _fill(trace.metrics.values(), (t, trace.ended[t]), step.metrics.T)
         return trace, played.timesteps

@@ -1,7 +1,7 @@
 """Run checks against a server and yield their results."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import grpc
 
@@ -31,14 +31,13 @@ def run_checks(
     checks: Sequence[Check] = tuple(CHECKS),
     credentials: Credentials = OPEN,
     transport: Transport = "grpc",
-    say: Callable[[str], None] = say,
 ) -> Iterator[Result]:
     """Yield the results of the checks of the whole server, then of those of each game.
 
     games: the games to check, by default all. seconds: the longest wait for a response. After MAX_TIMEOUTS timeouts
-    the other checks of a game fail without being run. transport: of the messages of sessions. say: prints a line, if
-    there are several games and none was named. Raises Unreachable if no server responds or offers the transport, and
-    SelectionError if the server does not have one of the games.
+    the other checks of a game fail without being run. transport: of the messages of sessions. Raises
+    Unreachable if no server responds or offers the transport, and SelectionError if the server does not have one of the
+    games.
     """
     of_server = [check for check in checks if check.per_server]
     of_game = [check for check in checks if not check.per_server]

@@ -63,6 +63,16 @@ class StepArrays:
     parameters: Array | None = None  # float32 [ended, parameters]; None if nothing ended or none is drawn per episode
     interrupted: Array | None = None  # bool [ended]: the game failed, see Ended in bridge.proto; None: in none of them
 
+    @property
+    def ends(self) -> Array:
+        """In which lanes an episode has ended, bool [lanes]."""
+        return self.terminated | self.truncated
+
+    @property
+    def decides(self) -> Array:
+        """Which lanes decide next, bool [lanes]."""
+        return np.ones(len(self.terminated), bool) if self.deciding is None else self.deciding
+
 
 def lane_count(behavior: pb.Behavior, arenas: int) -> int:
     """Return the number of lanes of a behavior in a session of `arenas`."""
@@ -278,7 +288,7 @@ class Codec:
             step.masks = self._unpack_masks(message.masks)
         if message.HasField("deciding"):
             step.deciding = self._deciding.unpack(message.deciding)
-        ended = np.flatnonzero(step.terminated | step.truncated)
+        ended = np.flatnonzero(step.ends)
         if len(ended) or message.HasField("ended"):
             self._unpack_ended(message.ended, step, ended)
         return step

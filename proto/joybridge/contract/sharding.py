@@ -32,7 +32,7 @@ def rows_of(step: StepArrays, lanes: Array) -> StepArrays:
     )
     if len(step.ended):
         rows, finals = np.isin(step.ended, lanes), step.final_observations
-        part.ended = np.flatnonzero(part.terminated | part.truncated).astype(np.int32)
+        part.ended = np.flatnonzero(part.ends).astype(np.int32)
         part.final_observations = None if finals is None else [sensor[rows] for sensor in finals]
         part.metrics = None if step.metrics is None else step.metrics[rows]
         part.parameters = None if step.parameters is None else step.parameters[rows]
@@ -82,5 +82,4 @@ def _join_masks(parts: list[StepArrays]) -> list[Array] | None:
 def _join_deciding(parts: list[StepArrays]) -> Array | None:
     if all(part.deciding is None for part in parts):
         return None
-    flags = [np.ones(len(part.rewards), bool) if part.deciding is None else part.deciding for part in parts]
-    return np.concatenate(flags)
+    return np.concatenate([part.decides for part in parts])

@@ -284,7 +284,7 @@ class GameAdapter(BatchedGame):
         deciding = np.array([timestep.deciding for _, timestep in timesteps])
         if not deciding.all():
             step.deciding = deciding
-        due = deciding | step.terminated | step.truncated
+        due = deciding | step.ends
         require_finite(f"{behavior.name}: a reward", self.earned[b], timesteps)
         step.rewards[due] = self.earned[b][due]
         self.earned[b][due] = 0.0

@@ -20,7 +20,7 @@ def listing(games: Iterable[pb.GameSpec]) -> str:
 def _game(spec: pb.GameSpec) -> Iterator[str]:
     yield f"{spec.name}: {spec.description}"
     yield from _line(2, "version", spec.version)
-    yield from _line(2, "time", _joined(_time(spec)))
+    yield from _line(2, "time", ", ".join(_time(spec)))
     for option in spec.options:
         yield from _line(2, f"option {option.name}", f"{' | '.join(option.choices)} (default {option.default_choice})")
     for parameter in spec.parameters:
@@ -31,13 +31,13 @@ def _game(spec: pb.GameSpec) -> Iterator[str]:
             f"{behavior.agents_per_arena} agents per arena" if behavior.agents_per_arena > 1 else "1 agent per arena"
         )
         yield from _line(2, f"behavior {behavior.name}", agents)
-        yield from _line(4, "sensors", _joined(map(_sensor, behavior.sensors)))
-        yield from _line(4, "axes", _joined(map(_axis, behavior.device.axes)))
-        yield from _line(4, "branches", _joined(map(_branch, behavior.device.branches)))
+        yield from _line(4, "sensors", ", ".join(map(_sensor, behavior.sensors)))
+        yield from _line(4, "axes", ", ".join(map(_axis, behavior.device.axes)))
+        yield from _line(4, "branches", ", ".join(map(_branch, behavior.device.branches)))
         channels = (f"{channel.name} (weight {channel.default_weight:g})" for channel in behavior.channels)
-        yield from _line(4, "rewards", _joined(channels))
-        yield from _line(4, "metrics", _joined(metric.name for metric in behavior.metrics))
-        yield from _line(4, "scripts", _joined(script.name for script in behavior.scripts))
+        yield from _line(4, "rewards", ", ".join(channels))
+        yield from _line(4, "metrics", ", ".join(metric.name for metric in behavior.metrics))
+        yield from _line(4, "scripts", ", ".join(script.name for script in behavior.scripts))
 
 
 def _time(spec: pb.GameSpec) -> Iterator[str]:
@@ -67,10 +67,6 @@ def _branch(branch: pb.Branch) -> str:
     labels = [f"{label} [{key}]" if key else label for label, key in zip(branch.choices, keys, strict=True)]
     few = len(labels) <= 8
     return f"{branch.name} ({' | '.join(labels) if few else f'{len(branch.choices)} choices'})"
-
-
-def _joined(parts: Iterable[str]) -> str:
-    return ", ".join(parts)
 
 
 def _line(indent: int, label: str, text: str) -> Iterator[str]:

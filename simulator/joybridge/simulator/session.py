@@ -62,7 +62,7 @@ def _cut(text: str, head: int, tail: int) -> str:
 
 
 @contextmanager
-def checking(where: str = "") -> Iterator[None]:
+def checking(where: str) -> Iterator[None]:
     """Raise MessageError as Refusal: the request is wrong, not the game. where: the path of what is checked."""
     try:
         yield

@@ -9,11 +9,13 @@ import hmac
 import os
 import secrets
 import stat
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from joybridge.config.errors import StorageError
+from joybridge.config.errors import StorageError, UntrustedRunError
 from joybridge.contract.files import read_file
+from joybridge.contract.text import printable
 
 KEY_BYTES = 32
 
@@ -36,6 +38,25 @@ def is_ours(content: bytes, signature: str) -> bool:
     """Return whether this user has signed the content on this machine. Raises StorageError for a key of others."""
     key = _read_key()
     return key is not None and hmac.compare_digest(_signature(key, content).encode(), signature.encode())
+
+
+def sign_or_say(content: bytes, say: Callable[[str], None]) -> str:
+    """Return the signature of what this user writes; "" if there can be none, and say what this means."""
+    try:
+        return sign(content)
+    except StorageError as error:
+        say(f"{error}; the run plays with --trust-run only, because nothing shows that it is yours")
+        return ""
+
+
+def untrusted(run: Path, wishes: Sequence[str]) -> UntrustedRunError:
+    """Return the error of a run that is not ours. wishes: what it would have done, as in "start my_game:MyGame"."""
+    return UntrustedRunError(
+        printable(
+            f"{run} wants to {', '.join(wishes)}, and you have not trained it on this machine from this folder, "
+            "so nothing was done; if you trust it, repeat the command with --trust-run"
+        )
+    )
 
 
 def _signature(key: bytes, content: bytes) -> str:

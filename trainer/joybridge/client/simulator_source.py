@@ -16,14 +16,13 @@ from pydantic import TypeAdapter
 from joybridge.client.client import describe, wait_for
 from joybridge.client.errors import NoSuchGame, SimulatorError
 from joybridge.client.launch import simulator_process
-from joybridge.client.own_runs import is_ours, sign
+from joybridge.client.own_runs import is_ours, sign_or_say, untrusted
 from joybridge.config.config import Config
-from joybridge.config.errors import ConfigError, StorageError, UntrustedRunError
+from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
 from joybridge.contract.address import address
 from joybridge.contract.credentials import CredentialsError, ProtectedAddress, load_credentials
 from joybridge.contract.files import read_file
-from joybridge.contract.text import printable
 from joybridge.plugins import load
 
 FILE = "simulators.json"  # in the folder of a run
@@ -76,12 +75,7 @@ class Remembered:
             return named
         wishes = [f"start {game}" for game in named.games] + [f"connect to {place}" for place in named.addresses]
         wishes += [f"read {file}" for file in (named.tls_ca, named.token_file) if file]
-        raise UntrustedRunError(
-            printable(
-                f"{self.run} wants to {', '.join(wishes)}, and you have not trained it on this machine from this "
-                "folder, so nothing was done; if you trust it, repeat the command with --trust-run"
-            )
-        )
+        raise untrusted(self.run, wishes)
 
 
 def remember(run: Path, simulators: SimulatorSource, say: Callable[[str], None]) -> None:
@@ -92,11 +86,7 @@ def remember(run: Path, simulators: SimulatorSource, say: Callable[[str], None])
             (run / FILE).unlink(missing_ok=True)
             return
         run.mkdir(parents=True, exist_ok=True)
-    signature = ""
-    try:
-        signature = sign(_signed_content(simulators))
-    except StorageError as error:
-        say(f"{error}; the run plays with --trust-run only, because nothing shows that it is yours")
+    signature = sign_or_say(_signed_content(simulators), say)
     write_atomically(run / FILE, json.dumps(asdict(simulators) | {"signature": signature}).encode())
 
 

@@ -80,7 +80,7 @@ def number_text(value: float) -> str:
     return f"{value:.4g}" if abs(value) < 10_000 else f"{value:,.0f}"
 
 
-def interval_text(estimate: Estimate, known: bool, form: str = "{}") -> str:
-    """Return an estimate with its interval, if that is known, each number in a form such as "{} %"."""
-    value, low, high = (form.format(number_text(each)) for each in estimate)
+def interval_text(estimate: Estimate, known: bool) -> str:
+    """Return an estimate with its interval, if that is known."""
+    value, low, high = map(number_text, estimate)
     return f"{value} [{low}, {high}]" if known else value

@@ -44,7 +44,7 @@ def with_places(places: Mapping[str, str]) -> list[str]:
     return [f"{key}={json.dumps(place, ensure_ascii=False)}" for key, place in places.items()]
 
 
-def merged_place(program: str, trained: str, forced: Sequence[str] = (), held: Sequence[str] = ()) -> str:
+def merged_place(program: str, trained: str, forced: Sequence[str], held: Sequence[str]) -> str:
     """Return the place of a program with settings and arguments that it lacks, from the place of a training.
 
     program: as after --pygame. trained: the place, "" for none. forced, held: settings that count before those behind
@@ -76,7 +76,7 @@ def as_trained(program: str, trained: Sequence[str]) -> str:
     if name not in names and len(names) != 1:
         return program
     part = name if name in names else next(iter(names))
-    return merged_place(program.removeprefix(PYGAME), names[part], held=[] if part == name else [f"name={part}"])
+    return merged_place(program.removeprefix(PYGAME), names[part], (), [] if part == name else [f"name={part}"])
 
 
 def _parts(program: str) -> tuple[list[str], list[str]]:

@@ -150,7 +150,7 @@ def _join(episodes: Sequence[Episode], spec: pb.GameSpec, behavior: int) -> Reco
             None if masks is None else [mask[number] for mask in masks],
             deciding[number],
         )
-        step.ended = np.flatnonzero(step.terminated | step.truncated).astype(np.int32)
+        step.ended = np.flatnonzero(step.ends).astype(np.int32)
         if len(step.ended):
             step.final_observations = [sensor[number][step.ended] for sensor in observations]
         stretch.steps.append([step if index == behavior else one[0] for index, one in enumerate(nobody)])

@@ -51,7 +51,7 @@ class RecordedEpisodes(NamedTuple):
     def _decides(self, number: int, behavior: int) -> Array:
         """Return which lanes of a behavior decide, bool [lanes]."""
         step = self.steps[number][behavior]
-        return np.ones(len(step.terminated), bool) if step.deciding is None else step.deciding.copy()
+        return step.decides.copy()
 
 
 class Demonstration(NamedTuple):

@@ -31,8 +31,7 @@ def discounted_returns(
     later = np.zeros(returns.shape[1])
     for number in reversed(range(len(returns))):
         after = stretch.steps[number + 1][behavior]
-        later = np.where(after.terminated | after.truncated, 0.0, later)
-        decides = np.ones(len(later), bool) if after.deciding is None else after.deciding
-        later = rewards(after) + np.where(decides, gamma, 1.0) * later
+        later = np.where(after.ends, 0.0, later)
+        later = rewards(after) + np.where(after.decides, gamma, 1.0) * later
         returns[number] = later
     return returns

@@ -146,7 +146,7 @@ class Bridge:
             self._others.sit(steps)
         for player in self.players.values():
             player.push(steps[player.index])
-        self.fresh = all((step.terminated | step.truncated).all() for step in steps)
+        self.fresh = all(step.ends.all() for step in steps)
 
     def render(self) -> list[Array] | None:
         """Return the pictures of all arenas after the last step; black if it was not drawn, None without render_mode.

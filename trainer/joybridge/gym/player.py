@@ -92,7 +92,7 @@ class EnvPlayer:
         mask = np.ones((self.lanes, choices), bool)
         if step.masks is not None and choices:
             mask = np.concatenate(self.layout.masks(step.masks), axis=1)
-        deciding = np.ones(self.lanes, bool) if step.deciding is None else step.deciding.copy()
+        deciding = step.decides.copy()
         return {"action_mask": mask, "deciding": deciding}
 
     def metrics(self) -> dict[str, Array]:

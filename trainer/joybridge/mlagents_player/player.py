@@ -129,7 +129,7 @@ class Behavior:
                     interrupted=step.truncated[step.ended],
                 ),
             )
-        if cut and len(going := np.flatnonzero(~(step.terminated | step.truncated))):
+        if cut and len(going := np.flatnonzero(~step.ends)):
             seen = [sensor[going] for sensor in step.observations]
             yes = np.ones(len(going), bool)
             self._add(answer, self.records.pack(seen, rewards[going], self.ids[going], interrupted=yes))

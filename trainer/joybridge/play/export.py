@@ -93,7 +93,7 @@ def compare(model: bytes, play: Play, index: int) -> Comparison:
         normal = np.concatenate([player.noise.normal for player in players], axis=1)
         uniform = np.concatenate([player.noise.uniform for player in players], axis=1)
         acts = exported.act(before, normal, uniform)
-        rows = np.ones(players[0].lanes, bool) if before.deciding is None else before.deciding
+        rows = before.decides
         found.add(acts, decision.acts[index], behavior.device, masks_of(before, behavior), rows)
         exported.store(decision.after[index])
     return found

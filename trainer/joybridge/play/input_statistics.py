@@ -50,8 +50,7 @@ class InputMeasures:
 
     def add(self, before: StepArrays, act: ActArrays, after: StepArrays) -> None:
         """Count one decision of all lanes: what was observed, what the device got, and what followed."""
-        lanes = len(act.axes)
-        counts = np.ones(lanes, bool) if before.deciding is None else before.deciding
+        counts = before.decides
         self._decisions += int(counts.sum())
         clicked, pauses = self._clicks.add(act.choices, counts)
         for motion in self._motions:

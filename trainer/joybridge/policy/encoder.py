@@ -82,7 +82,7 @@ def push_frames(now: Array, frames: Array, step: StepArrays, after: Array) -> No
     after[:, old:] = frames
     after[step.ended, :old] = 0
     if step.deciding is not None:
-        waiting = ~(step.deciding | step.terminated | step.truncated)
+        waiting = ~(step.deciding | step.ends)
         after[waiting] = now[waiting]
 
 

@@ -90,7 +90,7 @@ class Model:
         feeds |= {name: values[lanes] for name, values in self.kept.items()} | {"normal": normal, "uniform": uniform}
         given = {name: feeds[name] for name in self.inputs}
         result = dict(zip(self._outputs, self._session.run(None, given), strict=True))
-        deciding = np.ones(len(lanes), bool) if step.deciding is None else step.deciding
+        deciding = step.decides
         for name, rows in (("state", self.begins[lanes] | deciding), ("memory", deciding)):
             if f"next_{name}" in result:
                 self.kept[name][lanes[rows]] = result[f"next_{name}"][rows]
@@ -100,7 +100,7 @@ class Model:
     def store(self, after: StepArrays, held: Array | None = None) -> None:
         """Take what followed in some lanes, or in all: episodes that end begin anew."""
         lanes = np.arange(len(self.begins)) if held is None else held
-        self.begins[lanes] = after.terminated | after.truncated
+        self.begins[lanes] = after.ends
         for values in self.kept.values():
             values[self.begins] = 0.0
 
@@ -181,7 +181,7 @@ class ExportedPlayer:
     def store(self, step: StepArrays, held: Array) -> None:
         """Take what followed in some lanes."""
         self._model.store(rows_of(step, held), held)
-        self._see_first(step, held[(step.terminated | step.truncated)[held]])
+        self._see_first(step, held[step.ends[held]])
 
     def _see_first(self, step: StepArrays, lanes: Array) -> None:
         """See the first observations of episodes in which an agent waits: with them its frame stack begins."""

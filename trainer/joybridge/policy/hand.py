@@ -67,7 +67,7 @@ class Hand:
 
         When the step comes, not with the next action: a session that continues from a snapshot no longer tells.
         """
-        lanes = step.terminated | step.truncated
+        lanes = step.ends
         self._axes[:, lanes], self._choices[:, lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
         self._last.axes[lanes], self._last.choices[lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
         self._kept[lanes] = self.limits.hold

@@ -49,7 +49,7 @@ class PastActs:
         if self.size:
             known = past[:, -self._width] > 0
             if step.deciding is not None:
-                known &= step.deciding | step.terminated | step.truncated
+                known &= step.deciding | step.ends
             past[known, -1] = np.sign(rewards[known]) * np.log1p(np.abs(rewards[known]))
         last = past[step.ended]
         past[step.ended] = 0.0

@@ -164,7 +164,7 @@ class Policy:
         encoder, scaling = self.actor.encoder, self.actor.scaling
         frames = encoder.frames(step.observations)
         if scaling is not None:
-            pushed = None if step.deciding is None else step.deciding | step.terminated | step.truncated
+            pushed = None if step.deciding is None else step.deciding | step.ends
             scaling.watch(frames if pushed is None else frames[pushed])
             frames = scaling.apply(frames)
         return Observation(frames, encoder.pictures(step.observations))

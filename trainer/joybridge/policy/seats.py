@@ -79,7 +79,7 @@ class Seats:
             self._rewards[:, columns] += (step.rewards @ np.array(weights, np.float32)).reshape(shape)
             if not len(step.ended):
                 continue
-            ends = (step.terminated | step.truncated).reshape(shape)
+            ends = step.ends.reshape(shape)
             scores = self._rewards[:, columns].copy()
             if place is not None and step.metrics is not None:
                 scores[ends] = -step.metrics[:, place]
@@ -98,7 +98,7 @@ class Seats:
         """Give the seats whose episodes ended in a step to those who were dealt in."""
         for step, columns in zip(steps, self._columns, strict=True):
             if len(step.ended):
-                ends = (step.terminated | step.truncated).reshape(self._holders[:, columns].shape)
+                ends = step.ends.reshape(self._holders[:, columns].shape)
                 self._holders[:, columns][ends] = self._dealt[:, columns][ends]
 
     def state(self) -> dict[str, Array]:

@@ -46,7 +46,7 @@ class MemoryKind(NamedTuple):
 class Tower(nn.Module):
     """Hidden layers, perhaps a memory, and a linear head without bias."""
 
-    def __init__(self, sizes: list[int], outputs: int, activation: str, memory: MemoryKind | None = None) -> None:
+    def __init__(self, sizes: list[int], outputs: int, activation: str, memory: MemoryKind | None) -> None:
         """Make layers between the given sizes, input first, and a head of `outputs`."""
         super().__init__()
         self.activation = ACTIVATIONS[activation]

@@ -162,8 +162,8 @@ class RolloutBuffer:
 
     def _store_late(self, step: StepArrays, rewards: Array, t: int, lanes: slice) -> None:
         """Store a step in which some lanes wait: its rewards belong to the last decision of each lane."""
-        ended = step.terminated | step.truncated
-        deciding = np.ones(len(ended), bool) if step.deciding is None else step.deciding
+        ended = step.ends
+        deciding = step.decides
         pending = self.pending[lanes]
         pending[self.deciding[t, lanes]] = t
         known = np.flatnonzero((deciding | ended) & (pending >= 0))  # lanes whose decision has its outcome now

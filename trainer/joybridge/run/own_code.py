@@ -10,12 +10,10 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from joybridge.client.own_runs import is_ours, sign
+from joybridge.client.own_runs import is_ours, sign_or_say, untrusted
 from joybridge.config.config import Config
-from joybridge.config.errors import StorageError, UntrustedRunError
 from joybridge.config.files import write_atomically
 from joybridge.config.json_files import read_json
-from joybridge.contract.text import printable
 from joybridge.layouts.mixed import kinds_of
 
 FILE = "code.json"  # in the folder of a run
@@ -40,24 +38,15 @@ def sign_code(run: Path, config: Config, say: Callable[[str], None]) -> None:
     """Note in the folder of a run that this user trains it with the code that it names. Raises StorageError."""
     if not code_of(config):
         return
-    try:
-        signature = sign(_signed(config))
-    except StorageError as error:
-        say(f"{error}; the run plays with --trust-run only, because nothing shows that it is yours")
-        return
-    write_atomically(run / FILE, json.dumps({"signature": signature}).encode())
+    if signature := sign_or_say(_signed(config), say):
+        write_atomically(run / FILE, json.dumps({"signature": signature}).encode())
 
 
 def check_code(run: Path, config: Config) -> None:
     """Raise UntrustedRunError unless the code that the configuration of a run names may be imported."""
     if not (named := code_of(config)) or run.resolve() in _trusted or is_ours(_signed(config), _signature(run)):
         return
-    raise UntrustedRunError(
-        printable(
-            f"{run} wants to import {', '.join(named)}, and you have not trained it on this machine from this folder, "
-            "so nothing was done; if you trust it, repeat the command with --trust-run"
-        )
-    )
+    raise untrusted(run, [f"import {', '.join(named)}"])
 
 
 def _signature(run: Path) -> str:

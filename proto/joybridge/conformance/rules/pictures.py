@@ -115,7 +115,7 @@ def _size(subject: Subject) -> tuple[int, int, int]:
     return subject.spec.picture.height, subject.spec.picture.width, 3
 
 
-def _with_draw(request: pb.PlayRequest, draw: Sequence[int], *, ticks: bool = False) -> pb.PlayRequest:
+def _with_draw(request: pb.PlayRequest, draw: Sequence[int], *, ticks: bool) -> pb.PlayRequest:
     """Return an Act that draws. ticks: also the ticks of the first arena."""
     return act_request(pb.Act(behaviors=request.act.behaviors, draw=draw, draw_ticks=0 if ticks else None))
 
