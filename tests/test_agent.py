@@ -166,5 +166,5 @@ def test_what_cannot_be_loaded_is_named(trained, tmp_path):
         load(tmp_path)
     for text in ("{", '{"name": 7}', "{}", "[" * 10_000, '{"unknown": 1}'):
         (tmp_path / SPEC).write_text(text)
-        with pytest.raises(ConfigError, match=r"spec.json cannot be read: .* writes it anew"):
+        with pytest.raises(ConfigError, match=r"spec.json cannot be read: .* writes it again"):
             load(tmp_path)

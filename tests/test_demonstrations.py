@@ -60,7 +60,7 @@ def test_what_was_played_by_numbers_is_recorded_anew_as_images_show_it(simulator
     said = capsys.readouterr()
     assert said.out == "30 steps are paid and end as they were recorded, and none fails\n"
     anew = tmp_path / "anew" / "shooting_birds-0001.demo"
-    assert f"recorded anew: {anew}" in said.err
+    assert f"recorded again: {anew}" in said.err
     seen = record(tmp_path / "seen", simulator, "shooting_birds", options=images)
     assert anew.read_bytes() == seen.read_bytes()
     assert replay_main([*again, "parameters.bird_speed=2"]) == 1

@@ -181,7 +181,7 @@ def test_a_run_that_ended_before_its_first_checkpoint_begins_anew_with_its_game_
     command = capsys.readouterr().err.partition("nothing is saved yet; begin again with: joybridge ")[2].splitlines()[0]
     assert "--resume" in command and "--game" not in command
     assert main([*shlex.split(command), "stop_at=64"]) == 0
-    assert f"{tmp_path / 'run'} ended before anything was saved: it begins anew\n" in capsys.readouterr().err
+    assert f"{tmp_path / 'run'} ended before anything was saved, so it starts over\n" in capsys.readouterr().err
     assert load_checkpoint(tmp_path / "run")[1].timesteps == 64
     new = ["--run", str(tmp_path / "next"), "--from", str(tmp_path / "run")]  # which knows where its game is
     assert main(["train", str(config), *SMALL, "stop_at=64", *new]) == 0

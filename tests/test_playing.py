@@ -75,7 +75,7 @@ def test_fewer_episodes_than_there_are_choices_to_play_equally_often_are_refused
     train(config, tmp_path, [simulator], resume=False)
     command = ["evaluate", str(tmp_path), "--simulator", simulator, "--episodes"]
     assert main([*command, "6"]) == 1
-    assert "6 episodes for the 7 choices of level, wanted at least one for each" in capsys.readouterr().err
+    assert "got 6 episodes, expected at least one for each of the 7 choices of level" in capsys.readouterr().err
 
 
 def test_the_first_line_says_how_actions_are_chosen(run, simulator, capsys):

@@ -131,7 +131,7 @@ def test_a_stopped_run_resumes_to_the_same_bits(whole, address, other, tmp_path)
     assert train(run, *SMALL, "stop_at=700", "--simulator", address).status == 0
     again = train(run, *SMALL, "stop_at=1900", "--simulator", address)
     assert again.status == 1
-    assert "name another folder with --run, or go on with it by joybridge train --resume" in again.errors
+    assert "name another folder with --run, or continue it with joybridge train --resume" in again.errors
     both = ["--simulator", address, "--simulator", other]  # one for each group, where there was one for both
     assert train(run, *SMALL, "stop_at=1900", "--resume", *both).status == 0
     assert_same(weights(run), weights(whole))

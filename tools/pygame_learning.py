@@ -156,7 +156,7 @@ def played(players: Players, seed: int, player: Player, limit: int) -> float:
 
 
 def at_random(form: Form) -> Kind:
-    """Return players that choose anew in each decision, as a policy does at first."""
+    """Return players that choose again in each decision, as a policy does at first."""
     axes, counts = len(form.axes()), [len(branch.choices) for branch in form.branches()]
 
     def begin(seed: int) -> Player:

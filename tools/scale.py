@@ -2,7 +2,7 @@
 
 python -m tools.scale [--output results/scale] [--timesteps N] [--redraw]
 
-Writes figures.json, curves.png and README.md. --redraw makes the page anew from figures.json, without measuring.
+Writes figures.json, curves.png and README.md. --redraw makes the page again from figures.json, without measuring.
 """
 
 import argparse
@@ -266,7 +266,7 @@ def page(figures: Figures) -> list[str]:
         "# Scale",
         "",
         "How time and memory grow with arenas, sessions and timesteps, and a model of more cores.",
-        "`python -m tools.scale`, in a checkout, measures all of it anew and writes this page. It needs a machine of",
+        "`python -m tools.scale`, in a checkout, measures all of it again and writes this page. It needs a machine of",
         "its own.",
         "",
         f"Measured on {figures['machine']}, over a Unix socket, with random actions.",

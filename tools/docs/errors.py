@@ -68,7 +68,7 @@ EXCEPTIONS = {  # what to do
     "CatalogError": "Repair the game or its place; its module must be importable from the current folder.",
     "ServerCredentialsError": "Give the server TLS and a token, or let it listen on 127.0.0.1.",
     "AdapterError": "Wrap the environment, for example in `gymnasium.wrappers.RescaleAction`, as the text says.",
-    "TapeError": "Repair the program, or record the tape anew if it should have changed.",
+    "TapeError": "Repair the program, or record the tape again if it should have changed.",
     "Difference": "The same: `replay` says where the pictures are.",
     "ConfigError": "Set the key to what the text expects; `joybridge keys WORD` explains it.",
     "SettingError": "Write the layout in the form that the text names.",

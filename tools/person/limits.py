@@ -35,7 +35,7 @@ class Past:
         last, end = first, begin = past[-1]
         for when, values in reversed(past[:-1]):
             if any(abs(b - a) > JUMP or (b - a) * (c - b) < 0 for a, b, c in zip(values, begin, end, strict=True)):
-                break  # it turned here, or began anew
+                break  # it turned here, or started over
             first, begin = when, values
         return end, [(b - a) / max(last - first, 0.02) for a, b in zip(begin, end, strict=True)], now - last
 

@@ -166,7 +166,7 @@ def _read_certificates(path: Path) -> bytes:
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=content.decode("ascii", "replace"))
     except ssl.SSLError as error:
-        raise CredentialsError(f"{path} holds a damaged certificate ({error.reason}); get it anew") from error
+        raise CredentialsError(f"{path} holds a damaged certificate ({error.reason}); get a new copy") from error
     return content
 
 

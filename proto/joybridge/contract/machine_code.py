@@ -15,7 +15,7 @@ __all__ = ["delete_stale"]
 def delete_stale(source: str) -> None:
     """Delete the machine code in the folder of a source file that is older than any source there.
 
-    What cannot be deleted stays: Numba compiles anew where its own check fails.
+    What cannot be deleted stays: Numba compiles again where its own check fails.
     """
     folder = Path(source).parent
     newest = max((path.stat().st_mtime_ns for path in folder.glob("*.py")), default=0)

@@ -9,7 +9,7 @@ LARGE_BYTES = 2**24  # more at once is returned to the system when it is freed
 
 
 def keep_memory() -> None:
-    """Keep freed memory for the next step or update. By default, large arrays are paged in anew each time.
+    """Keep freed memory for the next step or update. By default, large arrays are paged in again each time.
 
     To write a step with 0.8 MB of images takes 2.0 ms by default, and 0.1 ms with this; to learn from two images of
     32 x 32 in minibatches of 1024 takes 19 to 24 % more by default.

@@ -103,7 +103,7 @@ def _action_masks(env: Any) -> Callable[[], Any]:
 def _parameters(env: Any, arguments: Mapping[str, Any]) -> list[pb.Parameter]:
     """Return the parameters that the metadata of an environment names.
 
-    arguments: of its constructor. One that is also a parameter is refused, since each `reset` sets the parameter anew.
+    arguments: of its constructor. One that is also a parameter is refused, since each `reset` sets the parameter.
     Raises AdapterError.
     """
     named = env.unwrapped.metadata.get("parameters", {})
@@ -115,7 +115,7 @@ def _parameters(env: Any, arguments: Mapping[str, Any]) -> list[pb.Parameter]:
         ) from error
     for name in sorted(arguments.keys() & named.keys()):
         raise AdapterError(
-            f"got the argument {name}={arguments[name]}, and {name} is a parameter, which each `reset` sets anew; "
+            f"got the argument {name}={arguments[name]}, and {name} is a parameter, which each `reset` sets; "
             f"give it as parameters.{name}={arguments[name]} where the environment is trained, evaluated or played"
         )
     return parameters

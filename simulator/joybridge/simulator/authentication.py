@@ -69,7 +69,7 @@ def _read_pair(certificate: Path, key: Path) -> tuple[bytes, bytes]:
     except (ssl.SSLError, ValueError) as error:
         reason = getattr(error, "reason", None) or error
         raise CredentialsError(
-            f"{certificate} and {key} are no certificate and its key without a password ({reason}); make both anew"
+            f"{certificate} and {key} are no certificate and its key without a password ({reason}); make both again"
         ) from error
     return pair
 

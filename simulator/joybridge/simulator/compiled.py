@@ -41,7 +41,7 @@ class _Compiled:
 def compiled(function: F) -> F:
     """Return the function, compiled at its first call. Numba caches the machine code on disk where it can.
 
-    It is compiled anew, for seconds, for arrays of another dtype, and for those that are not contiguous or cannot be
+    It is compiled again, for seconds, for arrays of another dtype, and for those that are not contiguous or cannot be
     written. A slice of an array of one arena may be contiguous where that of an array of several is not; copy slices.
     """
     return cast(F, _Compiled(function))

@@ -1,7 +1,7 @@
 """Turn an author's one-arena `Game` into the `BatchedGame` that the server runs.
 
 Everything that an author returns is checked, here and in `timestep_arrays.py`: a mistake raises an ArenaError. A game
-that raises an error after it has played for long loses its episode, and is made anew.
+that raises an error after it has played for long loses its episode, and is made again.
 """
 
 import logging
@@ -93,7 +93,7 @@ class GameAdapter(BatchedGame):
         """Begin a new episode in every arena; see BatchedGame."""
         for own in self.parameters:
             own.update(parameters)
-        if seed is not None:  # create the games anew: they may keep state between episodes
+        if seed is not None:  # create the games again: they may keep state between episodes
             self.close()
             self.episodes = [0] * self.arenas  # that have begun
             self.played = [0] * self.arenas  # decisions since the arena began or its game last failed
@@ -170,7 +170,7 @@ class GameAdapter(BatchedGame):
         return error.__cause__
 
     def _renew(self, arena: int) -> list[TimeStep]:
-        """Make the game of an arena anew after it has failed, and return how its episode ends.
+        """Make the game of an arena again after it has failed, and return how its episode ends.
 
         The random numbers go on, so that the same error need not come again.
         """

@@ -142,7 +142,7 @@ class Session:
         return outcome.steps, outcome.tick_pictures + outcome.pictures
 
     def distribute(self, distributions: Distributions) -> None:
-        """Draw these parameters anew in all episodes that begin from the next step on; running ones keep theirs."""
+        """Draw these parameters again in all episodes that begin from the next step on; running ones keep theirs."""
         self._coming = {**self._coming, **distributions}
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
@@ -150,7 +150,7 @@ class Session:
         return self._run(self._ask, pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))).steps
 
     def failed_arenas(self) -> list[int]:
-        """Return the arenas of this session whose game failed in the last step, and that the simulator made anew."""
+        """Return the arenas of this session whose game failed in the last step, and that the simulator made again."""
         lanes = [
             step.ended[step.interrupted] // behavior.agents_per_arena
             for behavior, step in zip(self.spec.behaviors, self.steps, strict=True)

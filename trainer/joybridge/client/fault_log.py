@@ -1,7 +1,7 @@
 """What led to a fault: the requests of a session since its last known state, as a file that `joybridge replay` repeats.
 
 The log costs a session little: it refers to requests that were sent anyway, and takes a checksum of each step. It
-begins anew with every snapshot, and is given up after MAX_LOG_BYTES bytes of requests.
+starts over with every snapshot, and gives up after MAX_LOG_BYTES bytes of requests.
 """
 
 import logging
@@ -50,7 +50,7 @@ class FaultLog:
             self._digests.append(digest(steps))
 
     def saved(self, parts: Mapping[str, bytes]) -> None:
-        """Begin anew with a snapshot."""
+        """Start over with a snapshot."""
         start = pb.Start()
         start.CopyFrom(self._start)
         start.snapshot.CopyFrom(pb.Snapshot(parts=parts))

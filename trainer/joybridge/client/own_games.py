@@ -1,4 +1,4 @@
-"""Games of one's own: a class, "MODULE:CLASS" or "pygame:PROGRAM", which a simulator in a child process runs."""
+"""Your own games: a class, "MODULE:CLASS" or "pygame:PROGRAM", which a simulator in a child process runs."""
 
 import sys
 from collections.abc import Sequence

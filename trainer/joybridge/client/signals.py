@@ -35,7 +35,7 @@ def wait_for_interrupt() -> None:
 def leaving_on_signals() -> Iterator[None]:
     """Let the signals end the process at once in the block, which imports compiled modules.
 
-    There, an exception would be a traceback from the midst of an import; in torch's own code it would abort.
+    There, an exception would print a traceback of an import, or abort in the code of torch.
     """
     handlers = {number: signal.signal(number, _leave) for number in _SIGNALS if signal.getsignal(number)}
     try:

@@ -44,7 +44,7 @@ class SimulatorSource:
     count: int = 1  # of those that it starts there
 
     def protected(self) -> list[str]:
-        """Return the addresses with their credentials, read anew from the files. Raises CredentialsError."""
+        """Return the addresses with their credentials, read again from the files. Raises CredentialsError."""
         files = [Path(file) if file else None for file in (self.tls_ca, self.token_file)]
         credentials = load_credentials(*files)
         return [ProtectedAddress(address, credentials) for address in self.addresses]

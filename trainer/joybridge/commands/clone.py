@@ -146,7 +146,7 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
                 say(f"not learned: {', '.join(same)}. {UNSEEN}")
             if given.unsaid:
                 unsaid = f"{given.unsaid:,} of {given.unsaid + len(given.held_out):,} held-out decisions"
-                print(f"not counted: {unsaid}, which {config.layout} cannot say")
+                print(f"not counted: {unsaid}, which {config.layout} cannot express")
         explained, moments = teach_critic(actor, given)
         if not math.isnan(explained):
             print(f"critic: explains {explained:.0%} of how much held-out decisions earn")

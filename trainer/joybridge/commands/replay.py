@@ -1,7 +1,7 @@
 """`joybridge replay`: repeat a recorded session on any simulator, and name the step where it fails or differs.
 
 A session is recorded where something went wrong (a fault), or to show how something is done (a demonstration). Under
-other options that change only what is observed, a demonstration is recorded anew as they show it.
+other options that change only what is observed, a demonstration is recorded again as they show it.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         prog, "replay", "Repeat what led to a fault, or a demonstration, and say where the game plays otherwise."
     )
     replays.add_argument("file", type=Path, help="a file of the folder faults of a run, or a demonstration")
-    replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration anew, into this folder")
+    replays.add_argument("--demos", type=Path, metavar="DIR", help="record a demonstration again, into this folder")
     add_simulator_options(replays, "for a fault, a simulator with the games of its run; otherwise ")
     add_trust_option(replays)
     add_overrides(replays, "options that change only what is observed, as in options.observation=screen")
@@ -94,7 +94,7 @@ def replay(
     """Repeat a recorded session at a simulator and return how many steps it has.
 
     options: of the game, which differ from those of the recording, a demonstration, and change only observations.
-    demos: record it anew, into this folder.
+    demos: record it again, into this folder.
 
     Raises FaultFound at the first step that fails or that has other bytes than were recorded; if options differ, other
     rewards or ends.
@@ -116,10 +116,10 @@ def replay(
         ) as session:
             if session.server != recording.server:
                 say(f"recorded with {recording.server}, replayed with {session.server}")
-            anew = session.record_demonstration(demos) if demos else None
+            copy = session.record_demonstration(demos) if demos else None
             for exchange in recording.exchanges:
-                if anew:
-                    anew.hold(exchange.held)
+                if copy:
+                    copy.hold(exchange.held)
                 if not exchange.request.HasField("start"):
                     step += exchange.request.HasField("act")
                     session.repeat(exchange.request)
@@ -134,8 +134,8 @@ def replay(
                     )
                 if not options and exchange.digest is not None and digest(session.steps) != exchange.digest:
                     raise FaultFound(f"step {step} has other bytes than were recorded")
-            if anew:
-                say(f"recorded anew: {anew.path}")
+            if copy:
+                say(f"recorded again: {copy.path}")
     except FaultFound:
         raise
     except SimulatorError as error:

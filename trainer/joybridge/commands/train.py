@@ -138,7 +138,7 @@ def _train(options: argparse.Namespace) -> None:
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
     if options.resume and not resume:
-        say(f"{run} ended before anything was saved: it begins anew")
+        say(f"{run} ended before anything was saved, so it starts over")
     if config.weights_from and not resume:
         load_checkpoint(Path(config.weights_from))
     if resume and config.total_timesteps > (before := run_config(run).total_timesteps):

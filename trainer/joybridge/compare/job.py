@@ -32,7 +32,7 @@ class Job:
     runs: Path  # folder of all runs
     overrides: tuple[str, ...] = ()  # of the configuration, each KEY=VALUE
     arguments: tuple[str, ...] = ()  # of `train`, for example --simulator ADDRESS
-    exact: bool = True  # a resumed run has the same results; otherwise an interrupted run begins anew
+    exact: bool = True  # a resumed run has the same results; otherwise an interrupted run starts over
 
     def __post_init__(self) -> None:
         """Check the experiment's name."""
@@ -114,7 +114,7 @@ class Job:
 
 @dataclass(frozen=True)
 class PeerJob(Job):
-    """A training run by another trainer, which always begins anew. arguments: of its command."""
+    """A training run by another trainer, which always starts from the beginning. arguments: of its command."""
 
     def finished(self) -> bool:
         """Return whether the run has ended with the configuration as it is now."""
@@ -124,7 +124,7 @@ class PeerJob(Job):
             return False
 
     def prepare(self) -> None:
-        """Nothing is left that another process could still be writing, or that could be resumed."""
+        """Do nothing: nothing is left that could be resumed, or that another process could still be writing."""
 
     def command(self, config: Path, run: Path) -> list[str]:
         """Return the command that starts the run."""

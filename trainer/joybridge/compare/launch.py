@@ -90,7 +90,7 @@ def _statistics(config: Config, spec: pb.GameSpec) -> list[str]:
 def too_short_for_scores(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], metric: str) -> str:
     """Return a warning if few of the longest episodes can end where a score counts them; "" if enough can.
 
-    A score of held-out episodes needs none of them.
+    Held-out scores do not depend on this.
     """
     for variant, spec in zip(variants, specs, strict=True):
         config = variant.config

@@ -1,4 +1,4 @@
-"""Demonstrations as targets of policies: what each policy would have had to do, and what it cannot say."""
+"""Demonstrations as targets of policies: what each policy would have had to do, and what it cannot express."""
 
 from collections.abc import Iterator, Sequence
 from itertools import count
@@ -54,7 +54,7 @@ class Targets(NamedTuple):
 
     actions: Demonstrated | None  # None: nothing is shown to it
     remark: str
-    unsaid: int = 0  # decisions that its layout cannot say, beside the actions
+    unsaid: int = 0  # decisions that its layout cannot express, beside the actions
 
 
 def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Targets:
@@ -93,10 +93,10 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Tar
     if not said.any():
         raise ConfigError(
             f"demonstrations: {config.layout} can say none of the {len(said):,} decisions that are demonstrated to "
-            f"{actor.name}; choose another layout, as hybrid, which can say all"
+            f"{actor.name}; choose another layout, such as hybrid, which can express all"
         )
     if not said.all():
-        remark += f"; {int((~said).sum()):,} are left out, because {config.layout} cannot press what they press"
+        remark += f"; {int((~said).sum()):,} are left out, because {config.layout} cannot make these presses"
     if len(moved) and moved[said].max() > 1e-6:
         remark += (
             f"; axes are moved to the nearest value of {config.layout}, by {moved[said].mean():.1%} of their range on "

@@ -38,7 +38,7 @@ class Shown:
     learned: Demonstrated
     held_out: Demonstrated | None  # None: there is one episode only
     remark: str
-    unsaid: int  # decisions of held-out episodes that the layout cannot say, which are not among these
+    unsaid: int  # decisions of held-out episodes that the layout cannot express, which are not among these
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def compare(actor: Actor, device: pb.Device, actions: Demonstrated) -> list[Like
 
 
 def _learned(wrong: float, without: float) -> bool:
-    """Return whether a policy is wrong by less than what needs none, where there is something to learn."""
+    """Return whether a policy errs clearly less than a guess without a policy, or there is nothing to learn."""
     return bool(without <= LEAST or wrong <= 0.95 * without)
 
 

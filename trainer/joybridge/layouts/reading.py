@@ -1,7 +1,7 @@
 """From what a device was given to the actions of a policy: the reverse of what the parts of a layout do.
 
-What a part cannot say exactly becomes the nearest that it can: the nearest value of an axis, or the joint choice that
-has most of the choices.
+What a part cannot express exactly becomes the nearest that it can: the nearest value of an axis, or the joint choice
+that has most of the choices.
 """
 
 import numpy as np

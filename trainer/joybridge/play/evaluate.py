@@ -62,7 +62,7 @@ def evaluate(
     with open_play(plays, episodes=episodes) as play:
         if episodes < (least := len(play.choices)):
             by = play.config.stratify_by
-            raise ConfigError(f"{episodes} episodes for the {least} choices of {by}, wanted at least one for each")
+            raise ConfigError(f"got {episodes} episodes, expected at least one for each of the {least} choices of {by}")
         actions = (
             "the most probable actions"
             if plays.deterministic

@@ -98,7 +98,7 @@ class Model:
         return ActArrays(result.get("axes", empty.astype(np.float32)), result.get("choices", empty.astype(np.int32)))
 
     def store(self, after: StepArrays, held: Array | None = None) -> None:
-        """Take what followed in some lanes, or in all: episodes that end begin anew."""
+        """Take what followed in some lanes, or in all: episodes that end start over."""
         lanes = np.arange(len(self.begins)) if held is None else held
         self.begins[lanes] = after.ends
         for values in self.kept.values():
@@ -134,7 +134,7 @@ class Exported:
             raise
         except Exception as error:
             reason = printable(f"{type(error).__name__}: {error}".partition("\n")[0])[:300]
-            raise ConfigError(f"{where} cannot play: {reason}; export it anew") from error
+            raise ConfigError(f"{where} cannot play: {reason}; export it again") from error
 
     def seat(self, lanes: int) -> "ExportedPlayer":
         """Return what plays in so many lanes."""
@@ -175,7 +175,9 @@ class ExportedPlayer:
             known = (column >= 0) & (column < mask.shape[1])
             fine = fine and known.all() and mask[np.arange(len(mask)), column].all()
         if not fine:
-            raise ConfigError(f"{self._where} does what its device or a mask forbids, so it is damaged; export it anew")
+            raise ConfigError(
+                f"{self._where} does what its device or a mask forbids, so it is damaged; export it again"
+            )
         act.axes[held], act.choices[held] = own.axes, own.choices
 
     def store(self, step: StepArrays, held: Array) -> None:
@@ -255,7 +257,7 @@ def read_exported(content: bytes, where: str) -> tuple[About, bytes]:
 def _check_format(document: Document, where: str) -> None:
     if document["format"] != FORMAT:
         form = printable(str(document["format"]))[:100]
-        raise ConfigError(f"{where} does not fit: its format is {form}, expected {FORMAT}; export it anew")
+        raise ConfigError(f"{where} does not fit: its format is {form}, expected {FORMAT}; export it again")
 
 
 def _misfit(about: About, spec: pb.GameSpec) -> str:

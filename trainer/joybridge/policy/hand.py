@@ -2,8 +2,8 @@
 
 It also moves the pointer where policies do not place it (`pointer: velocity`), since it knows where that is.
 
-The limits are keys of the configuration, see `HandConfig`. They belong to the world in which a policy plays: what a
-policy has chosen is what it learns from, what its hand makes of that is what the game gets.
+The limits are keys of the configuration, see `HandConfig`. They belong to the world in which a policy plays: a
+policy learns from what it chose, and the game gets what its hand makes of that.
 """
 
 from collections.abc import Sequence

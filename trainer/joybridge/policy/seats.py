@@ -71,7 +71,7 @@ class Seats:
     def finish(self, steps: Sequence[StepArrays]) -> list[Result]:
         """Count the rewards and the ends in a step; return the matches that are over in it.
 
-        One that an error of the game has cut has no result: the same players begin anew.
+        One that an error of the game has cut has no result: the same players start over.
         """
         over, cut = False, set[int]()
         for step, columns, weights, place in zip(steps, self._columns, self._weights, self._place, strict=True):

@@ -156,8 +156,8 @@ class DifferenceConvolution(nn.Module):
     """A convolution whose weights are those of the changes from frame to frame, and of the newest frame.
 
     A change is a difference of pixels times GAIN. Both are sums of pixels, so this is a convolution of the pictures as
-    they are, with the weights `seen`: only what its steps of learning do is another thing. What moves in front of a
-    background that stands still is found in fewer of them.
+    they are, with the weights `seen`. Only its gradient steps differ: what moves in front of a still background is
+    learned in fewer of them.
     """
 
     basis: Tensor  # [frames, frames]: of which frames, oldest first, each change and then the newest frame are made

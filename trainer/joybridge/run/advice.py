@@ -87,7 +87,7 @@ class Adviser:
             self._taken_back = None
             yield (
                 f"{name}: one decision took back all that several before it had paid ({sums}, …), as where a game "
-                "begins anew and its score falls to 0: let the episode end there, for a pygame program by done=TEXT, "
+                "starts over and its score falls to 0: let the episode end there, for a pygame program by done=TEXT, "
                 "or by a hook's done if a key skips the screen with this text"
             )
         for button, before, now in self._forgotten(choices):

@@ -59,7 +59,7 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
     """Raise ConfigError unless `config` can be trained in the folder `run`.
 
     A resumed run must have been configured alike; only MAY_CHANGE may differ, and `total_timesteps` may grow. If it has
-    saved nothing, it begins anew.
+    saved nothing, it starts over.
     """
     if resume and (has_checkpoint(run) or not run.is_dir()):
         before = run_config(run)
@@ -79,7 +79,7 @@ def check_run(config: Config, run: Path, *, resume: bool) -> None:
             )
     elif not resume and has_checkpoint(run):
         raise ConfigError(
-            f"{run} already holds a run; name another folder with --run, or go on with it by joybridge train --resume"
+            f"{run} already holds a run; name another folder with --run, or continue it with joybridge train --resume"
         )
 
 
@@ -110,7 +110,7 @@ def run_spec(run: Path) -> pb.GameSpec:
         ) from None
     except (OSError, ValueError, SpecError, json_format.ParseError) as error:
         reason = printable(str(error).partition("\n")[0])
-        raise ConfigError(f"{path} cannot be read: {reason}; continue the run, which writes it anew") from error
+        raise ConfigError(f"{path} cannot be read: {reason}; continue the run, which writes it again") from error
     return spec
 
 

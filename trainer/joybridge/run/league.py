@@ -1,4 +1,4 @@
-"""Who plays beside the learner, drawn anew for each match: its past policies, those of others, and scripts.
+"""Who plays beside the learner, drawn again for each match: its past policies, those of others, and scripts.
 
 In every match one seat, drawn at random, is the learner's; each other one goes to a holder that is drawn by the shares
 in the configuration. Holder 0 is the learner; others have a number for life.

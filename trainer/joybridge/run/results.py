@@ -41,7 +41,7 @@ class Run:
 
 
 def find_runs(folder: Path) -> list[Path]:
-    """Return the folders of runs in a folder and those below it, by name, also of such as have begun a moment ago.
+    """Return the folders of runs in a folder and those below it, by name, including those that have just begun.
 
     Raises ConfigError if there are none.
     """
@@ -109,7 +109,7 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 def _short(commit: str) -> str:
-    """Return the beginning of a commit, or of a mark of installed files, which is no commit of the repository."""
+    """Return the beginning of a commit, or of the mark of an installation, which has no commit."""
     return commit[: len("files-") + 8] if commit.startswith("files-") else commit[:8]
 
 

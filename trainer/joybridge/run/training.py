@@ -114,7 +114,7 @@ class Training:
         self.curriculum.watch()
 
     def renew_opponents(self) -> None:
-        """After an update: draw opponents anew, among them the policies as they are now, if it is time."""
+        """After an update: draw opponents again, among them the policies as they are now, if it is time."""
         if self.league:
             actors = [policy.actor for policy in self.policies]
             self.league.renew(self.timesteps, self.policies[0].updates, actors)

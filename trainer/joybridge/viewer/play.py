@@ -104,9 +104,9 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
         action="append",
         default=[],
         metavar="NAME",
-        help="add your matches under this name to the log in the folder rating of the first run of --others, or of the "
-        "current folder, for `joybridge rate`; only those count in which you hold one seat all the time; with "
-        "--players, once for each of them who agrees to be rated, in the order of their seats",
+        help="log your matches under this name, for `joybridge rate`, in the folder rating of the first run of "
+        "--others, or of the current folder. Matches count in which you keep one seat. With --players, repeat it for "
+        "each who agrees to be rated, in the order of their seats",
     )
     play.add_argument(
         "--demos",

@@ -57,7 +57,7 @@ class ProgramProcesses:
         self._came: dict[int, Link] = {}  # forks that have connected and are not yet taken
 
     def start(self) -> dict[str, Any]:
-        """Start the program anew, and return what its first look has shown. Raises AdapterError."""
+        """Start the program again, and return what its first look has shown. Raises AdapterError."""
         with self._lock:
             self._forget()
             self.folder = Path(tempfile.mkdtemp(prefix="joybridge-"))

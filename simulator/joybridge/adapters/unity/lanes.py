@@ -20,7 +20,7 @@ class Lanes:
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew, without agents."""
+        """Start over, without agents."""
         self._seen = [np.zeros(shape, one.dtype) for shape, one in zip(self._shapes, self.form.sensors, strict=True)]
         self._every_lane = np.arange(self.count)
         self.begin()

@@ -215,7 +215,7 @@ class BeastlyRivals(PointerGame):
         """Advance every arena by one decision.
 
         A death begins a new episode in its arena only, and the clock continues; at the clock's end an episode begins
-        anew, in all arenas together unless their clocks are spread.
+        again, in all arenas together unless their clocks are spread.
         """
         (act,) = acts
         arenas = self.arenas

@@ -21,7 +21,7 @@ from joybridge.simulator.trigonometry import cosine, sine
 
 TICK = 0.02  # s
 DECISION_TICKS = 6
-CLOCK_TICKS = 12000  # all arenas begin anew together after this many
+CLOCK_TICKS = 12000  # all arenas start over together after this many
 TOP_SPEED = 20.0  # of the cursor, units/s
 
 CURSOR_HEIGHT, CHARACTER_HEIGHT, BEAST_HEIGHT = 1.0, 0.3, 0.175
@@ -77,7 +77,7 @@ ARENA = np.dtype(
         ("character_slow", "?"), ("beast_slow", "?"), ("dead", "?"),
         ("character_inside", "?"), ("beast_inside", "?"), ("touching", "?"),  # overlaps at the last tick
         ("blinks", "i8"), ("clicks", "i8"), ("slow_ticks", "i8"),  # of this episode
-        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas began anew
+        ("tick", "i8"), ("clock", "i8"),  # ticks of this episode; ticks since all arenas started over
         ("level", "i8"), ("number", "i8"),  # row of the pitches; number of a generated one
         ("beast_speed", "f8"),  # a parameter: factor on the beast's speed
         ("first_level", "f8"), ("level_count", "f8"),  # parameters

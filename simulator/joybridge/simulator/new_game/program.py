@@ -96,7 +96,7 @@ def _config(game: Any, keys: Mapping[str, list[str]]) -> str:
         why = among if game.end_texts else "write what yours says"
         lines.append(f"  # done: {json.dumps(end)}  # the episode ends when the program renders this text; {why}")
     if "skip_drawing" not in keys:
-        lines.append("  # skip_drawing: true  # faster, if every frame is drawn anew: those that nobody sees are not")
+        lines.append("  # skip_drawing: true  # faster, if every frame is drawn again: those that nobody sees are not")
     text = "\n".join(lines)
     return f"""\
 # A start for {json.dumps(spec.name, ensure_ascii=False)}. `joybridge keys` lists all keys.

@@ -20,7 +20,7 @@ from joybridge.contract.tensors import Array
 
 LOG_2_PI = math.log(2 * math.pi)
 COUNT = len(STATISTICS)
-NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an argument is compiled anew, for seconds
+NO_MASKS = np.zeros((0, 0, 0), np.float32)  # an array, because each type of an argument is compiled again, for seconds
 NO_COUNTS = np.zeros((0, 0), np.bool_)
 
 F = TypeVar("F", bound=Callable[..., object])

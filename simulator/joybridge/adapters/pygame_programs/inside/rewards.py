@@ -125,7 +125,7 @@ class Difference:
         self.value = value
 
     def take(self) -> float:
-        """Return the growth, and begin anew."""
+        """Return the growth, and start over."""
         growth, self._growth = self._growth, 0.0
         return growth
 

@@ -220,7 +220,7 @@ class Music(Channel):
         self._queued = _Sound(filename)
 
     def rewind(self) -> None:
-        """Begin anew."""
+        """Start over."""
         self._begun = self._sounds.clock.now
 
     def set_pos(self, pos: float) -> None:

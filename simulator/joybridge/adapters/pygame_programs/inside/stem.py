@@ -56,7 +56,7 @@ def fork(folders: Folders, fences: Fences, number: int) -> Link | None:
     with fences.trusting():
         if os.fork():
             return None
-        random.setstate(state)  # Python seeds it anew in a fork
+        random.setstate(state)  # Python seeds it again in a fork
         folders.branch(number)
         return knock(str(folders.base), number)
 
