@@ -6,8 +6,7 @@ from contextlib import contextmanager
 import pytest
 
 from tools import ratios
-from tools.check_versions import MISSING
-from tools.check_wheel import Failed
+from tools.checked import MISSING, Failed
 
 
 @pytest.fixture

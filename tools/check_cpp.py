@@ -20,12 +20,12 @@ from typing import Any
 
 from joybridge.client.client import Session, SimulatorLost
 from joybridge.layouts import make_acts
+from tools.checked import MISSING, Failed
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "proto/examples/cpp"
 BUILD = SOURCE / "build"  # which git ignores
 CONFIG = ROOT / "configs/paddle/hybrid.yaml"
-MISSING = 77  # exit status: nothing was checked
 PROGRAMS = {  # and the packages of Debian 12 that have them
     "cmake": "cmake",
     "make": "make",
@@ -39,10 +39,6 @@ UNTRAINED = ("stop_at=4000", "policy.learning_rate=1e-9")  # a run that learns n
 GAIN = 25.0  # reward of a trained policy above an untrained one's; three seeds gained 36
 MOST_APART = 1.0  # of mean rewards; over so many episodes, the standard error of the difference is about 0.15
 ENDING_SECONDS = 10.0
-
-
-class Failed(Exception):
-    """Something that the server should do and does not; the text says what came."""
 
 
 def main() -> int:

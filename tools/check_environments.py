@@ -8,7 +8,6 @@ packages cannot be installed.
 import argparse
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -18,11 +17,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from tools.checked import MISSING, make_environment
+
 ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = ROOT / ".venv-environments"  # which git ignores
 PYTHON = ENVIRONMENT / "bin/python"
 PAGE = ROOT / "results/environments.md"
-MISSING = 77  # exit status: nothing was checked
 REQUIREMENTS = (
     "gymnasium[classic-control,box2d,mujoco]==1.4.0",
     "pettingzoo[classic]==1.27.0",
@@ -107,15 +107,9 @@ def install() -> str:
     done = ENVIRONMENT / "installed"
     if done.exists() and done.read_text() == "\n".join(REQUIREMENTS):
         return ""
-    shutil.rmtree(ENVIRONMENT, ignore_errors=True)
-    pip = [str(PYTHON), "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
-    try:
-        subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=True, timeout=SECONDS)
-        what = ["--constraint", str(ROOT / "constraints.txt"), "--editable", f"{ROOT}[simulator,gym]", *REQUIREMENTS]
-        subprocess.run([*pip, *what], check=True, capture_output=True, text=True, timeout=SECONDS)
-    except (subprocess.SubprocessError, OSError) as error:
-        said = str(getattr(error, "stderr", "") or error).strip().splitlines()
-        return f"the packages cannot be installed: {said[-1] if said else error}"
+    what = ["--constraint", str(ROOT / "constraints.txt"), "--editable", f"{ROOT}[simulator,gym]", *REQUIREMENTS]
+    if problem := make_environment(ENVIRONMENT, sys.executable, what):
+        return f"the packages cannot be installed: {problem}"
     done.write_text("\n".join(REQUIREMENTS))
     return ""
 

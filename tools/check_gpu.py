@@ -18,9 +18,9 @@ from pathlib import Path
 import torch
 
 from joybridge.run.checkpoint import SUMS, checkpoints
-from tools.check_wheel import Failed, Programs
+from tools.check_wheel import Programs
+from tools.checked import MISSING, Failed
 
-MISSING = 77  # exit status: nothing was checked
 PICTURES = ["options.observation=screen", "options.screen_size=84", "policy.image_encoder=impala"]
 MEMORY = ["policy.memory.size=64", "policy.memory.length=30", "policy.frame_stack=1"]
 Training = tuple[str, int, list[str]]  # a configuration, its timesteps, and other changes

@@ -10,7 +10,6 @@ with 64 agents; and so is the player alone, under a trainer that does nothing, b
 """
 
 import argparse
-import shutil
 import socket
 import subprocess
 import sys
@@ -39,10 +38,10 @@ from joybridge.mlagents.wire import ANY_LENGTH, END, FINE, METHOD, SERVICE, VERS
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.v1 import bridge_pb2 as pb
 from tools.check_wheel import find_python
+from tools.checked import MISSING, Failed, make_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = ROOT / ".venv-mlagents"  # which git ignores
-MISSING = 77  # exit status: nothing was checked
 # mlagents-envs declares Python <= 3.10.12 and works with later ones, so it is installed without its requirements.
 REQUIREMENTS = (
     "setuptools<81",
@@ -64,10 +63,6 @@ PARAMETERS: Mapping[str, tuple[str, tuple[float, float]]] = {"shooting_birds": (
 TIMED_ARENAS, TIMED_STEPS = 64, 400
 INSTALL_SECONDS = 900.0  # of one command of the installation
 DEADLINE = 300.0  # seconds of one command
-
-
-class Failed(Exception):
-    """Something that the player should do and does not; the text says what came."""
 
 
 def main() -> int:
@@ -101,20 +96,9 @@ def install(environment: Path = ENVIRONMENT, requirements: Sequence[str] = REQUI
     base = find_python("3.10")
     if base is None:
         return "mlagents-envs 1.1.0 needs Python 3.10, which is not installed here"
-    shutil.rmtree(environment, ignore_errors=True)
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", "--disable-pip-version-check"]
-    for command in (
-        [str(base), "-m", "venv", str(environment)],
-        [*pip, *requirements],
-        [*pip, "--no-deps", "--ignore-requires-python", *PACKAGES],
-    ):
-        try:
-            subprocess.run(command, check=True, capture_output=True, text=True, timeout=INSTALL_SECONDS)
-        except (subprocess.SubprocessError, OSError) as error:
-            said = str(getattr(error, "stderr", "") or error).strip().splitlines()
-            shutil.rmtree(environment, ignore_errors=True)
-            return f"{' and '.join(PACKAGES)} cannot be installed: {said[-1] if said else error}"
-    return ""
+    alone = ["--no-deps", "--ignore-requires-python", *PACKAGES]
+    problem = make_environment(environment, str(base), requirements, alone)
+    return f"{' and '.join(PACKAGES)} cannot be installed: {problem}" if problem else ""
 
 
 def drive(simulator: str, folder: Path) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from joybridge.config.metrics import Row, read_rows
+from tools.checked import Failed
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ["wandb>=0.21", "mlflow-skinny>=3"]
@@ -56,10 +57,6 @@ for file in sorted(Path("run/wandb").glob("offline-run-*/*.wandb")):
 about = [run.data.params["game"], run.data.params["policy.gamma"], run.info.run_name, run.info.status]
 print(json.dumps({"mlflow": mlflow, "wandb": wandb, "about": about}))
 """
-
-
-class Failed(Exception):
-    """What one of the packages should have got and has not."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -20,9 +20,9 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.check_wheel import ROOT, Environment, Failed, Programs
+from tools.check_wheel import ROOT, Environment, Programs
+from tools.checked import MISSING, Failed
 
-MISSING = 77  # exit status: nothing was checked
 COMMITS = {path.parent.name: path.read_text().strip() for path in sorted((ROOT / "tests/data").glob("*/COMMIT"))}
 TRAININGS = {  # a small game over the Unix socket that a simulator offers, and a large one over gRPC
     "archer/hybrid": ["arenas=8", "total_timesteps=960", "log_interval=480"],

@@ -26,6 +26,7 @@ from functools import partial
 from pathlib import Path
 
 from joybridge.contract.address import READY
+from tools.checked import Failed
 
 ROOT = Path(__file__).resolve().parents[1]
 HASHES = ROOT / "hashes.txt"
@@ -89,10 +90,6 @@ START = """
 from joybridge.gym import BridgeEnv
 BridgeEnv("archer")
 """
-
-
-class Failed(Exception):
-    """Something that an installed package should do and does not; the text contains the command and its output."""
 
 
 class NoWheel(Exception):

@@ -25,9 +25,10 @@ from pathlib import Path
 from types import CodeType
 from typing import NamedTuple
 
+from tools.checked import MISSING, make_environment
+
 ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = ROOT / ".venv-mutants"  # which git ignores
-MISSING = 77  # exit status: nothing was checked
 LEAST = 0.85  # of the changes, that tests notice
 PARTS = {  # of which module or folder, and which tests hold it
     "gae": ("trainer/joybridge/ppo/gae.py", ["gae"]),
@@ -109,15 +110,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def install() -> str:
     """Install Cosmic Ray, unless it is there, and return what is in the way."""
-    python = ENVIRONMENT / "bin/python"
-    if (ENVIRONMENT / "bin/cosmic-ray").exists():
-        return ""
-    pip = [str(python), "-m", "pip", "install", "cosmic-ray>=8.4"]
-    for command in ([sys.executable, "-m", "venv", str(ENVIRONMENT)], pip):
-        done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
-        if done.returncode:
-            return done.stderr.strip()[-200:]
-    return ""
+    there = (ENVIRONMENT / "bin/cosmic-ray").exists()
+    return "" if there else make_environment(ENVIRONMENT, sys.executable, ["cosmic-ray>=8.4"])
 
 
 def examine(part: str, count: int, seed: int) -> int:

@@ -25,8 +25,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from tools.check_versions import COMMITS, MISSING, Earlier, is_here
-from tools.check_wheel import Failed, Programs
+from tools.check_versions import COMMITS, Earlier, is_here
+from tools.check_wheel import Programs
+from tools.checked import MISSING, Failed
 
 VERSION = "0.1.0"
 BASELINE = Path(__file__).with_name("ratios.json")

@@ -16,7 +16,8 @@ import time
 from pathlib import Path
 
 from tools import check_mlagents
-from tools.check_mlagents import MISSING, REQUIREMENTS, ROOT, Failed, free_ports, install
+from tools.check_mlagents import REQUIREMENTS, ROOT, free_ports, install
+from tools.checked import MISSING, Failed
 
 LEARNER = ROOT / ".venv-mlagents-learn"  # which git ignores
 LEARNING = (
