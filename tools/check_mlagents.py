@@ -61,7 +61,6 @@ DEMONSTRATED, DEMONSTRATED_STEPS = "archer", 300  # a game with an axis, a branc
 SEED, ARENAS, RESET_AT, STEPS = 3, 4, 70, 120  # as in tools/mlagents/drive.py
 PARAMETERS: Mapping[str, tuple[str, tuple[float, float]]] = {"shooting_birds": ("bird_speed", (0.5, 1.5))}
 TIMED_ARENAS, TIMED_STEPS = 64, 400
-INSTALL_SECONDS = 900.0  # of one command of the installation
 DEADLINE = 300.0  # seconds of one command
 
 
