@@ -169,6 +169,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
             help=f"{text} (repeatable); arguments may follow, quoted, as in '{metavar} key=value'",
         )
     add_program_options(games)
+    _add_serve(commands, games)
+    _add_list(commands, games)
+    _add_new(commands)
+    return parser
+
+
+def _add_serve(commands: "argparse._SubParsersAction[argparse.ArgumentParser]", games: argparse.ArgumentParser) -> None:
     server = commands.add_parser("serve", parents=[games], description="Serve games over gRPC until interrupted.")
     server.add_argument(
         "--address",
@@ -191,6 +198,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     _add_protection(server.add_argument_group("protection"))
     _add_limits(server.add_argument_group("limits", "a number of seconds may be 0: no limit"))
+
+
+def _add_list(commands: "argparse._SubParsersAction[argparse.ArgumentParser]", games: argparse.ArgumentParser) -> None:
     lists = commands.add_parser(
         "list", parents=[games], description="List the games: options, parameters, sensors, actions, rewards, metrics."
     )
@@ -202,6 +212,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="list the games of the simulator that runs at this address, in whatever language it is written",
     )
     add_credentials_arguments(lists)
+
+
+def _add_new(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     author = commands.add_parser(
         "new",
         description="Write a small game, or what a program, an environment or a running server needs, to start from.",
@@ -230,7 +243,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     add_credentials_arguments(author)
     author.add_argument("--folder", type=Path, default=Path(), metavar="DIR", help="where to write; default: here")
-    return parser
 
 
 def _add_protection(group: argparse._ArgumentGroup) -> None:

@@ -1,7 +1,5 @@
 """The page of `compare --over`: the runs of each variant under several values of one setting, as one table."""
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +13,16 @@ from joybridge.compare.analysis import Band, center
 from joybridge.compare.estimators import Estimate, estimate, interquartile_mean
 from joybridge.compare.page import intervals_sentences, runs_text, warnings
 from joybridge.compare.page_numbers import Setting, latex, tabular
-from joybridge.compare.page_parts import PICTURES, escaped, interval_text, page_html, picture_block, table, write_files
+from joybridge.compare.page_parts import (
+    PICTURES,
+    csv_text,
+    escaped,
+    interval_text,
+    page_html,
+    picture_block,
+    table,
+    write_files,
+)
 from joybridge.compare.page_settings import made_with_block
 from joybridge.compare.pictures import draw_over, draw_themes
 from joybridge.compare.scores import Run
@@ -134,14 +141,13 @@ def over_table(over: Over) -> str:
 
 def scores_csv(over: Over) -> str:
     """Return a line per run and value: the variant, the seed, the value, and the score."""
-    text = io.StringIO(newline="")
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(("variant", "seed", over.sweep.key, over.metric))
-    for label in over.runs[0]:
-        for value, runs in zip(over.sweep.values, over.runs, strict=True):
-            for run in runs[label]:
-                lines.writerow((label, run.seed, value, repr(run.score)))
-    return text.getvalue()
+    lines = [
+        (label, run.seed, value, repr(run.score))
+        for label in over.runs[0]
+        for value, runs in zip(over.sweep.values, over.runs, strict=True)
+        for run in runs[label]
+    ]
+    return csv_text([("variant", "seed", over.sweep.key, over.metric), *lines])
 
 
 def scores_tex(over: Over) -> str:

@@ -1,7 +1,5 @@
 """The numbers of a comparison as files: CSV to read again, LaTeX for a paper, and JSON with everything."""
 
-import csv
-import io
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -10,7 +8,7 @@ from typing import Any
 
 from joybridge.compare.analysis import Analysis, Band, Result
 from joybridge.compare.made_with import MadeWith
-from joybridge.compare.page_parts import interval_text, number_text
+from joybridge.compare.page_parts import csv_text, interval_text, number_text
 
 # What LaTeX would take for a command, and how it is written.
 LATEX = str.maketrans({
@@ -40,15 +38,13 @@ class Setting:
 
 def scores_csv(analysis: Analysis, *, timed: bool) -> str:
     """Return a line per run: variant, seed, score and, if timed, the timesteps until the common score."""
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
     times = [f"timesteps_to_{analysis.score:.6g}"] if timed else []
-    table.writerow(("variant", "seed", analysis.metric, *times))
+    lines: list[Sequence[object]] = [("variant", "seed", analysis.metric, *times)]
     for result in analysis.results:
         for run, first in zip(result.runs, result.firsts(analysis.score), strict=True):
             times = [str(first.timesteps) if first else ""] if timed else []
-            table.writerow((result.label, run.seed, repr(run.score), *times))
-    return text.getvalue()
+            lines.append((result.label, run.seed, repr(run.score), *times))
+    return csv_text(lines)
 
 
 def pairs_csv(analysis: Analysis) -> str:
@@ -56,18 +52,16 @@ def pairs_csv(analysis: Analysis) -> str:
 
     An interval is empty where a bootstrap cannot know it, see `Pair`.
     """
-    text = io.StringIO(newline="")
-    table = csv.writer(text, lineterminator="\n")
     ends = [f"{name}{end}" for name in ("difference", "probability") for end in ("", "_low", "_high")]
-    table.writerow(("first", "second", *ends, "p_value", "corrected"))
+    lines: list[Sequence[object]] = [("first", "second", *ends, "p_value", "corrected")]
     for pair in analysis.pairs:
         estimates = [
             repr(value) if known or not index else ""
             for each, known in ((pair.difference, pair.runs > 2), (pair.improvement, pair.overlap))
             for index, value in enumerate(each)
         ]
-        table.writerow((pair.first, pair.second, *estimates, repr(pair.p_value), repr(pair.corrected)))
-    return text.getvalue()
+        lines.append((pair.first, pair.second, *estimates, repr(pair.p_value), repr(pair.corrected)))
+    return csv_text(lines)
 
 
 def scores_tex(analysis: Analysis) -> str:

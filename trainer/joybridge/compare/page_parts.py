@@ -1,8 +1,10 @@
 """What pages have in common: HTML from Markdown with its pictures in it, tables, numbers, pictures for two themes."""
 
 import base64
+import csv
 import html
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -73,6 +75,13 @@ def escaped(text: str) -> str:
     """Return a text that means nothing to Markdown and HTML."""
     escaped = html.escape(text, quote=False)
     return "".join(f"\\{character}" if character in "\\`*_[]|~" else character for character in escaped)
+
+
+def csv_text(lines: Iterable[Sequence[object]]) -> str:
+    """Return lines of cells as CSV; the first has the names of the columns."""
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    return text.getvalue()
 
 
 def number_text(value: float) -> str:

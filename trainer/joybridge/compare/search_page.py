@@ -1,7 +1,5 @@
 """The page of a search: Markdown and HTML with the same text, its pictures, and its trials as CSV."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from optuna.trial import FrozenTrial, TrialState
 
-from joybridge.compare.page_parts import PICTURES, escaped, number_text, page_html, picture_block, table, write_files
+from joybridge.compare.page_parts import (
+    PICTURES,
+    csv_text,
+    escaped,
+    number_text,
+    page_html,
+    picture_block,
+    table,
+    write_files,
+)
 from joybridge.compare.pictures import COLORS, draw_themes, without_formula
 from joybridge.compare.ranges import Numbers, Range, settings_of
 
@@ -106,15 +113,15 @@ def ranking(result: Outcome) -> str:
 
 def trials_csv(result: Outcome) -> str:
     """Return a line per trial: what it was, and what it came to."""
-    text = io.StringIO(newline="")
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(("trial", "state", "timesteps", result.metric, *(each.key for each in result.ranges)))
+    lines: list[Sequence[object]] = [
+        ("trial", "state", "timesteps", result.metric, *(each.key for each in result.ranges))
+    ]
     for trial in result.trials:
         timesteps = result.timesteps if trial.state == TrialState.COMPLETE else trial.last_step or 0
         settings = settings_of(result.ranges, trial.params).values()
         score = "" if trial.value is None else repr(trial.value)
-        lines.writerow((trial.number, STATES[trial.state], timesteps, score, *settings))
-    return text.getvalue()
+        lines.append((trial.number, STATES[trial.state], timesteps, score, *settings))
+    return csv_text(lines)
 
 
 def outcome(trial: FrozenTrial) -> str:
