@@ -146,6 +146,7 @@ def test_an_arena_plays_the_same_whatever_the_number_of_arenas():
         ("nan", "arena 0: agent: sensor 'arm.speed' is .*nan.*, expected finite numbers"),
         ("shape", r"arena 0: agent: sensor 'arm.speed' has shape \[1\], expected \[2\]"),
         ("value", r"arena 0: ValueError: pair\[0\] is 9, expected 1..3"),
+        ("rewards", r"arena 0: ValueError: the reward is array\(\[0.5, 0.5\]\), expected a number"),
         ("reward", r"arena 0: agent: a reward is \[nan\], expected finite numbers"),
     ],
 )

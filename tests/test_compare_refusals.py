@@ -13,6 +13,7 @@ from joybridge.compare.variants import (
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.v1 import bridge_pb2 as pb
+from tests.support.command_line import joybridge
 from tests.support.compared import OUT, SMALL, run_in
 
 pytestmark = pytest.mark.usefixtures("signals")
@@ -83,6 +84,14 @@ def test_what_no_run_would_have_is_refused_before_anything_is_trained(words, mes
     done = run_in(tmp_path, simulator, *words)
     assert done.status == 1 and message in done.errors and "done" not in done.output
     assert not (tmp_path / OUT / "runs").exists()
+
+
+def test_an_output_that_is_a_file_is_no_damaged_comparison(tmp_path):
+    (tmp_path / "taken").write_text("")
+    for output in (tmp_path / "taken", tmp_path / "taken" / "below"):
+        done = joybridge("compare", "archer/hybrid", "--set", "policy.gamma=0.9,0.8", "--output", str(output))
+        assert (done.status, done.output) == (1, "")
+        assert done.errors == f"error: {output} is, or is in, a file; name another folder with --output\n"
 
 
 def test_a_column_of_the_training_and_of_held_out_episodes_can_be_compared():

@@ -29,6 +29,17 @@ def test_every_file_loads_and_its_dump_is_the_same_configuration(path, tmp_path)
     assert load_config(write(tmp_path, dump_config(config))) == config
 
 
+def test_items_of_a_list_have_numbers(tmp_path):
+    lesson = "{parameters: {size: 2}, until: {metric: hits, above: 3, episodes: 50}}"
+    path = write(tmp_path, f"game: g\npolicy: {{hidden_sizes: [8, 4]}}\ncurriculum: [{lesson}, {{parameters: {{}}}}]")
+    config = load_config(path, ["curriculum.0.until.episodes=7", "policy.hidden_sizes.1=6"])
+    first = config.curriculum[0]
+    assert first.until is not None and first.until.episodes == 7 and first.parameters == {"size": 2}
+    assert config.policy.hidden_sizes == [8, 6]
+    with pytest.raises(ConfigError, match=r"curriculum: got .*; Input should be a valid list"):
+        load_config(path, ["curriculum.2.parameters={}"])
+
+
 def test_there_is_a_file_for_each_experiment():
     layouts = [f"bucket-{n}" for n in (3, 11, 41)] + [f"threshold-{t}" for t in ("0.0", "0.1", "0.5")]
     for game in ("shooting_birds", "beastly_rivals"):

@@ -7,14 +7,14 @@ from joybridge.layouts import ActionSpace
 from joybridge.policy.fit import misfits
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.images import Image
-from joybridge.ppo.networks import Network, Towers
+from joybridge.ppo.networks import MemoryKind, Network, Towers
 from joybridge.simulator import image, sensor
 
 SENSORS = [sensor("hand", [3]), sensor("target", [1])]
 
 
-def network(observation=8, continuous=2, branches=(2,), hidden=(8, 6), shared=False):
-    made = Network(observation, ActionSpace(continuous, branches), Towers(hidden, shared), seed=0)
+def network(observation=8, continuous=2, branches=(2,), hidden=(8, 6), shared=False, memory=None):
+    made = Network(observation, ActionSpace(continuous, branches), Towers(hidden, shared, memory=memory), seed=0)
     return {name: tensor.numpy() for name, tensor in made.state_dict().items()}
 
 
@@ -29,6 +29,8 @@ def test_a_network_of_the_same_shape_fits():
         ({"hidden": (8,)}, "hidden_sizes was [8], now [8, 6]"),
         ({"hidden": (4, 4)}, "hidden_sizes was [4, 4], now [8, 6]"),
         ({"shared": True}, "shared_body was true, now false"),
+        ({"memory": MemoryKind("lstm", 5)}, "memory was lstm of 5, now none"),
+        ({"memory": MemoryKind("gru", 5)}, "memory was gru of 5, now none"),
         (
             {"continuous": 1},
             "the network had 1 Gaussians and 2 outputs of branches for actions, now 2 Gaussians and 2 "

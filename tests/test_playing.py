@@ -227,6 +227,8 @@ def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_gam
         pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
     shades = [np.unique(picture[..., 0]).tolist() for picture in pictures]  # the game's pictures have one color each
     assert len(shades) == 10 and all(len(shade) == 1 for shade in shades) and len({*map(tuple, shades)}) > 5
+    assert main(["record", str(run), str(tmp_path / "short.gif"), "--seconds", "0.001"]) == 0
+    assert (tmp_path / "short.gif").exists() and "short.gif: 1 frames" in capsys.readouterr().out
     remember(run, SimulatorSource(), print)
     assert not (run / FILE).exists() and last_simulators(run).simulators == SimulatorSource()
 

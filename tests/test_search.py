@@ -280,7 +280,7 @@ def refuse(job: Job) -> Process:
     [
         (["policy.epocs=1..4"], "--search policy.epocs=1..4: unknown key 'policy.epocs'; did you mean 'policy.ep"),
         (["policy.epochs=4..1"], "the range is empty; write the lower end first, 1..4"),
-        (["policy.epochs=4..4"], "the range is empty"),
+        (["policy.epochs=4..4"], "both ends are equal; write policy.epochs=4 behind the options"),
         (["policy.epochs=0..4"], "policy.epochs: got 0; Input should be greater than or equal to 1"),
         (["policy.epochs=1..10000000000000000000000"], "the range is too large, expected whole numbers up to 9,007,"),
         (["policy.epochs=1.5..4"], "policy.epochs: got 1.5; Input should be a valid integer"),

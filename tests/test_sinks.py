@@ -2,6 +2,8 @@
 
 import logging
 import sys
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -76,6 +78,35 @@ def test_a_sink_that_is_not_installed_names_its_extra(monkeypatch, tmp_path, cap
     assert (
         "log_to: mlflow is not installed; install it with `pip install 'joybridge[mlflow]'`" in capsys.readouterr().err
     )
+
+
+def test_mlflow_gets_names_that_it_takes(tmp_path, monkeypatch):
+    client = MagicMock()
+    client.create_run.return_value.info.run_id = "abc"
+    monkeypatch.setitem(sys.modules, "mlflow", SimpleNamespace(MlflowClient=lambda **_: client))
+    sink = SINKS["mlflow"](tmp_path, "player", 0, Config(game="hybrid"))
+    sink.write(64, {"reward": 1.0, "entropy_action[0]": 2.0, "50%": 3.0})
+    assert [call.args[1:] for call in client.log_metric.call_args_list] == [
+        ("reward", 1.0),
+        ("entropy_action_0_", 2.0),
+        ("50_", 3.0),
+    ]
+
+
+def test_a_resumed_run_is_the_same_one_to_weights_and_biases_and_a_new_one_is_not(tmp_path, monkeypatch):
+    package = MagicMock()
+    monkeypatch.setitem(sys.modules, "wandb", package)
+    monkeypatch.setenv("NETRC", str(tmp_path / "none"))
+    for after in (0, 64, 0):
+        SINKS["wandb"](tmp_path, "player", after, Config(game="hybrid"))
+    first, resumed, new = [call.kwargs["id"] for call in package.init.call_args_list]
+    assert first == resumed != new
+    assert {call.kwargs["mode"] for call in package.init.call_args_list} == {"offline"}
+    (tmp_path / "netrc").write_text("machine api.wandb.ai login user password secret")
+    (tmp_path / "netrc").chmod(0o600)
+    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
+    SINKS["wandb"](tmp_path, "player", 64, Config(game="hybrid"))
+    assert package.init.call_args.kwargs["mode"] == "online"
 
 
 @pytest.mark.nightly

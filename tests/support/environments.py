@@ -45,8 +45,10 @@ class Mixed(gymnasium.Env):  # type: ignore[misc]
         if self.clock == 2 and self.fault == "raises":
             raise RuntimeError("the arm is stuck")
         over = self.clock == 3
-        reward = np.nan if self.clock == 2 and self.fault == "reward" else 0.5
-        return self.observe(), reward, over, over, {"height": 10.0 * self.clock, "name": "text"}
+        reward = np.nan if self.clock == 2 and self.fault == "reward" else np.array([0.5])
+        if self.clock == 2 and self.fault == "rewards":
+            reward = np.array([0.5, 0.5])
+        return self.observe(), reward, over, over, {"height": 10.0 * self.clock, "name": "text", 0: 1.0}
 
     def observe(self):
         speed = self.np_random.random(2)

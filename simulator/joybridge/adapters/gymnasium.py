@@ -88,7 +88,7 @@ class GymnasiumGame(EnvironmentGame):
     def step(self, action: Any) -> TimeStep:
         """Advance the environment. Where it is terminated and truncated at once, the episode is terminated."""
         observation, reward, terminated, truncated, info = self.env.step(self.spaces.act(action))
-        seen, rewards = self.spaces.observe(observation), {"reward": float(reward)}
+        seen, rewards = self.spaces.observe(observation), {"reward": _reward(reward)}
         if terminated or truncated:
             ended = termination if terminated else truncation
             return ended(seen, rewards, {name: _number(info.get(name)) or 0.0 for name in self.metrics})
@@ -133,7 +133,15 @@ def _numbers_of(env: Any, spaces: AgentSpaces, parameters: Mapping[str, float]) 
     action = {axis.name: (axis.low + axis.high) / 2 for axis in spaces.axes}
     action |= {branch.name: int(np.argmax(masks.get(branch.name, [True]))) for branch in spaces.branches}
     info = env.step(spaces.act(action))[-1]
-    return [name for name, value in info.items() if _number(value) is not None]
+    return [name for name, value in info.items() if isinstance(name, str) and _number(value) is not None]
+
+
+def _reward(reward: Any) -> float:
+    """Return a reward as a float, also one in an array of one element. Raises ValueError for what is no number."""
+    try:
+        return float(np.asarray(reward).item())
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the reward is {reward!r}, expected a number") from error
 
 
 def _number(value: Any) -> float | None:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from threading import Event, Thread, Timer
+from threading import TIMEOUT_MAX, Event, Thread, Timer
 
 from joybridge.client.client import wait_for
 from joybridge.client.command_line import (
@@ -204,7 +204,7 @@ def _interrupting_after(minutes: float | None, over: Event) -> Iterator[None]:
         over.set()
         _interrupt()
 
-    timer = Timer(60.0 * (minutes or 0.0), end)
+    timer = Timer(min(60.0 * (minutes or 0.0), TIMEOUT_MAX), end)
     timer.daemon = True
     if minutes:
         timer.start()

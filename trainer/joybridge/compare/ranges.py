@@ -147,7 +147,9 @@ def _read_ends(text: str, rest: str) -> tuple[str, str, bool]:
         low = high = math.nan
     if found is None or not math.isfinite(high - low):
         raise ConfigError(f"--search got {text!r}, expected {FORM} with numbers, as in {EXAMPLE}")
-    if low >= high:
+    if low == high:
+        raise ConfigError(f"--search {text}: both ends are equal; write {text.partition('..')[0]} behind the options")
+    if low > high:
         raise ConfigError(f"--search {text}: the range is empty; write the lower end first, {found[2]}..{found[1]}")
     if found[3] and low <= 0:
         raise ConfigError(f"--search {text}: {found[1]} has no logarithm; begin above 0, or leave out :log")

@@ -245,6 +245,8 @@ def read_variants(folder: Path) -> dict[str, Kept]:
         }
     except FileNotFoundError:
         return {}
+    except NotADirectoryError as error:
+        raise ConfigError(f"{folder} is, or is in, a file; name another folder with --output") from error
     except (OSError, ValueError, ParseError, ConfigError, AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"{path} cannot be read ({error}); delete it, and repeat the command") from error
 

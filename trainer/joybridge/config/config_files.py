@@ -168,9 +168,19 @@ def dump_yaml(data: dict[str, Any]) -> str:
 
 
 def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
-    """Return `base` with `over` laid on top; mappings are merged, everything else is replaced."""
-    merged = dict(base)
-    for key, value in over.items():
-        both = isinstance(merged.get(key), dict) and isinstance(value, dict)
-        merged[key] = merge(merged[key], value) if both else value
-    return merged
+    """Return `base` with `over` laid on top; mappings are merged, everything else is replaced.
+
+    A mapping on top of a list, {"0": …}, replaces or merges its items by their numbers.
+    """
+    return {**base, **{key: _laid(base.get(key), value) for key, value in over.items()}}
+
+
+def _laid(base: Any, over: Any) -> Any:
+    """Return a value that is laid on top of another, as `merge` does."""
+    if isinstance(base, dict) and isinstance(over, dict):
+        return merge(base, over)
+    if isinstance(base, list) and isinstance(over, dict) and over:
+        items = {str(number): item for number, item in enumerate(base)}
+        if over.keys() <= items.keys():
+            return [_laid(item, over.get(number, item)) for number, item in items.items()]
+    return over

@@ -42,7 +42,7 @@ def record(
         if play.spec.tick_seconds and pace < FASTEST:
             ticks = play.spec.decision_interval
         every = math.ceil(pace * ticks / FASTEST)
-        frames = None if seconds is None else round(seconds * pace * ticks / every)
+        frames = None if seconds is None else max(1, round(seconds * pace * ticks / every))
         view, overlay = play.view(), Inputs(play.spec) if inputs else None
         progress = Progress(say)
         height = view.height + (overlay.height if overlay else 0)

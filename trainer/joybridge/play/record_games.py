@@ -27,7 +27,7 @@ def record_games(plays: PlaySpec, output: Path, *, games: Sequence[str], seconds
     video_format(output)
     columns = math.ceil(math.sqrt(len(games)))
     width, height = columns * CELL[0], -(-len(games) // columns) * CELL[1]
-    frames = round(seconds * FASTEST)
+    frames = max(1, round(seconds * FASTEST))
     with ExitStack() as opened:
         shown = []
         for game in games:

@@ -6,6 +6,8 @@ from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
+LSTM_GATES = 4  # a GRU has three
+
 
 def misfits(
     saved: Mapping[str, Array], now: Mapping[str, Array], sensors: Sequence[pb.Sensor], frame_stack: int
@@ -26,6 +28,9 @@ def misfits(
         differences.append(f"the sensors had {_numbers(before[:1])} {unit}, now {_numbers(after[:1])} ({frames})")
     if before[1:] != after[1:]:
         differences.append(f"hidden_sizes was {before[1:]}, now {after[1:]}")
+    kept = [_memory(network) for network in (saved, now)]
+    if kept[0] != kept[1]:
+        differences.append(f"memory was {kept[0]}, now {kept[1]}")
     shared = ["critic.head.weight" not in network for network in (saved, now)]
     if shared[0] != shared[1]:
         differences.append(f"shared_body was {str(shared[0]).lower()}, now {str(shared[1]).lower()}")
@@ -53,6 +58,15 @@ def _layers(network: Mapping[str, Array]) -> list[int]:
     while (name := f"actor.hidden.{len(weights)}.weight") in network:
         weights.append(network[name])
     return [*(weight.shape[-1] for weight in weights[:1]), *(len(weight) for weight in weights)]
+
+
+def _memory(network: Mapping[str, Array]) -> str:
+    """Return the kind and the size of the memory of the actor."""
+    weight = network.get("actor.memory.layer.weight_hh_l0")
+    if weight is None:
+        return "none"
+    gates, size = len(weight) // weight.shape[1], weight.shape[1]
+    return f"{'lstm' if gates == LSTM_GATES else 'gru'} of {size}"
 
 
 def _numbers(inputs: Sequence[int]) -> str:

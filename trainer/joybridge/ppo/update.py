@@ -24,6 +24,7 @@ from joybridge.ppo.schedule import Coefficients
 KL = STATISTICS.index("approx_kl")
 LOSSES = ("policy_loss", "value_loss", "entropy")
 BETAS = (0.9, 0.999)  # of Adam
+EQUAL = 1e-10  # of the mean square of values: a variance that is an error of float32
 
 
 class Learner:
@@ -191,6 +192,11 @@ def not_finite(learner: Learner, statistics: dict[str, float]) -> list[str]:
 
 
 def explained_variance(values: torch.Tensor, returns: torch.Tensor) -> float:
-    """Return 1 - var(returns - values) / var(returns): 1 for a perfect critic, 0 for a constant one."""
+    """Return 1 - var(returns - values) / var(returns): 1 for a perfect critic, 0 for a constant one.
+
+    It is 0 as well where all returns are equal, to the precision of float32.
+    """
     variance = float(returns.var(correction=0))
-    return 1.0 - float((returns - values).var(correction=0)) / variance if variance > 0 else 0.0
+    if variance <= EQUAL * float(returns.square().mean()):
+        return 0.0
+    return 1.0 - float((returns - values).var(correction=0)) / variance

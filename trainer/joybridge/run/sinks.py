@@ -6,11 +6,14 @@ sink that fails while a run goes on is given up with a warning, and the run goes
 
 import logging
 import os
+import re
+import secrets
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from importlib.util import find_spec
+from netrc import NetrcParseError, netrc
 from pathlib import Path
 from typing import Any, Protocol
+from urllib.parse import urlsplit
 
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, StorageError
@@ -19,6 +22,8 @@ from joybridge.config.metrics import Row, metrics_name
 from joybridge.contract.files import read_file
 
 log = logging.getLogger("joybridge.trainer")
+
+_UNNAMEABLE = re.compile(r"[^\w\-. :/]", re.ASCII)  # what MLflow takes in no name, as the brackets of "action[0]"
 
 PACKAGES = {"tensorboard": "tensorboard", "wandb": "wandb", "mlflow": "mlflow"}
 
@@ -60,11 +65,13 @@ class WeightsAndBiases:
     """A run of Weights & Biases for each policy, in one group; in the folder `wandb` unless there is a login."""
 
     def __init__(self, run: Path, policy: str, after: int, config: Config) -> None:
-        """Begin, or continue."""
+        """Begin, or continue the run whose name is noted in the folder."""
         import wandb
 
-        mode = os.environ.get("WANDB_MODE") or ("online" if wandb.api.api_key else "offline")
-        name = sha256(f"{run.resolve()} {policy}".encode()).hexdigest()[:16]  # the same when the run is resumed
+        mode = os.environ.get("WANDB_MODE") or ("online" if _has_login() else "offline")
+        note = run / f"wandb-{metrics_name(policy)}"  # as the run of MLflow is noted
+        name = read_file(note, 1000).decode() if after and note.exists() else secrets.token_hex(8)
+        write_atomically(note, name.encode())
         self._run: Any = wandb.init(
             project=os.environ.get("WANDB_PROJECT", "joybridge"),
             group=run.name,
@@ -85,6 +92,16 @@ class WeightsAndBiases:
     def close(self) -> None:
         """Finish the run."""
         self._run.finish()
+
+
+def _has_login() -> bool:
+    """Return whether Weights & Biases knows the user, by the variable or by the file that its login writes."""
+    host = urlsplit(os.environ.get("WANDB_BASE_URL", "https://api.wandb.ai")).hostname
+    try:
+        noted = netrc(os.environ.get("NETRC")).authenticators(host or "")
+    except (OSError, NetrcParseError):
+        noted = None
+    return bool(os.environ.get("WANDB_API_KEY") or noted)
 
 
 class MLflow:
@@ -115,7 +132,7 @@ class MLflow:
     def write(self, timesteps: int, row: Row) -> None:
         """Take a row of metrics."""
         for name, value in row.items():
-            self._client.log_metric(self._id, name, value, step=timesteps)
+            self._client.log_metric(self._id, _UNNAMEABLE.sub("_", name), value, step=timesteps)
 
     def close(self) -> None:
         """Finish the run."""
