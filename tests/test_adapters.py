@@ -201,7 +201,8 @@ def test_one_game_that_cannot_be_closed_leaves_the_others_closed():
         ("gym:Nowhere-v0", "--gym 'Nowhere-v0' does not work: NameNotFound"),
         ("gym:CartPole-v1 fast", "got the argument 'fast', expected KEY=VALUE"),
         ("pettingzoo:nowhere", "No module named 'nowhere'"),
-        ("pettingzoo:json", "the module json has no function parallel_env or env"),
+        ("pettingzoo:json", "the module json has no parallel_env or env; name the class or function that makes an env"),
+        ("pettingzoo:json:Nowhere", "the module json has no Nowhere; name the class or function"),
     ],
 )
 def test_an_environment_that_cannot_be_served_is_named_with_the_reason(place, text):
@@ -217,6 +218,7 @@ def test_a_missing_library_names_the_extra(monkeypatch):
 
 
 def test_agents_that_come_and_go_are_lanes_that_wait():
+    assert load_game("pettingzoo:tests.support.leaving_agents:Leaving").name == "Leaving"
     game = play("pettingzoo:tests.support.leaving_agents")
     assert [(b.name, b.agents_per_arena) for b in game.spec.behaviors] == [("runner", 2), ("judge", 1)]
     runners, judge = game.observe()

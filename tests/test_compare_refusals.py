@@ -3,6 +3,7 @@
 import pytest
 
 from joybridge.compare import command
+from joybridge.compare.compare import remarks
 from joybridge.compare.launch import check_metric, too_short_for_scores
 from joybridge.compare.tested import check_test
 from joybridge.compare.variants import (
@@ -12,6 +13,7 @@ from joybridge.compare.variants import (
 )
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
+from joybridge.games.hybrid_suite.moving import Moving
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
 from tests.support.compared import OUT, SMALL, run_in
@@ -84,6 +86,17 @@ def test_what_no_run_would_have_is_refused_before_anything_is_trained(words, mes
     done = run_in(tmp_path, simulator, *words)
     assert done.status == 1 and message in done.errors and "done" not in done.output
     assert not (tmp_path / OUT / "runs").exists()
+
+
+def test_a_configuration_that_goes_by_a_metric_says_so_where_rewards_are_compared():
+    said = {}
+    for metric in ("reward", "success"):
+        options = command.parse(["compare", "hybrid_suite/moving", "--output", "x", "--metric", metric], "joybridge")
+        variants = make_variants(["hybrid_suite/moving"], [], [])
+        said[metric] = [text for text in remarks(variants, [Moving.describe({})], options, {}) if "best_metric" in text]
+    (text,) = said["reward"]
+    assert text.endswith("the configuration goes by success (best_metric): --metric success compares that")
+    assert not said["success"]
 
 
 def test_an_output_that_is_a_file_is_no_damaged_comparison(tmp_path):

@@ -52,6 +52,8 @@ def test_changes_are_compared_one_at_a_time_with_what_is_unchanged():
     assert (named.label, named.config.policy.gamma, named.config.policy.epochs) == ("far", 0.999, 2)
     with pytest.raises(ConfigError, match="--change got 'far: ', expected KEY=VALUE, "):
         read_change("far: ")
+    with pytest.raises(ConfigError, match="--change got 'far:arenas=2'; a name needs a space behind its colon"):
+        read_change("far:arenas=2")
 
 
 def test_layouts_may_be_mixtures_and_overrides_may_stand_behind_them():

@@ -49,6 +49,8 @@ def test_an_unknown_name_is_refused_with_the_names_that_are_near():
         find_config("shooting_bird/bucket-11")
     with pytest.raises(ConfigError, match=r"did you mean marble/hybrid\?$"):
         find_config("marble")
+    with pytest.raises(ConfigError, match=r"did you mean hybrid_suite/platform\?$"):
+        find_config("platform/hybrid")
     with pytest.raises(ConfigError, match=r"there are some for archer, .*shooting_birds; name one of those$"):
         find_config("chess")
 

@@ -205,6 +205,7 @@ def test_an_interrupted_episode_is_counted_and_no_result():
     row = resumed.summarize()
     assert (row["episodes"], row["interrupted"], row["depth"]) == (1, 1, 60.0)
     assert "1 episodes cut by errors of the game" in row_text(row)
+    assert "  ahead 62%  " in row_text({**row, "ahead": 0.62})
     assert "interrupted" not in resumed.summarize()
     assert resumed.length.tolist() == [0, 1, 0]
 

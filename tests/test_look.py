@@ -113,7 +113,10 @@ def test_at_an_address_the_game_is_chosen_by_name(simulator, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--game", "duel", "look.png"], "error: duel cannot be drawn: its spec has no picture"),
+        (
+            ["--game", "duel", "look.png"],
+            "error: duel cannot be drawn: its spec has no picture; if the game is yours, give it",
+        ),
         (["--game", "archer", "look.what"], "cannot write look.what: .*; choose a path that ends in .png"),
         (["--game", "chess", "look.png"], "no game named 'chess'"),
         (["--game", "hybrid", "look.png", "options.size=huge"], "option 'size' got 'huge', expected one of "),

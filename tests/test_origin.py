@@ -160,6 +160,8 @@ def test_runs_may_differ_in_the_form_of_a_value():
         Config(game="archer", parameters=one, policy={"hidden_sizes": other})
         for one, other in zip(names, sizes, strict=True)
     ]
+    configs[0] = configs[0].model_copy(update={"policy": PolicyConfig(hidden_sizes=[8, 8], loss="my_loss:pull")})
+    assert [each["policy.loss"] for each in _varied(configs)] == ["my_loss:pull", "none", "none"]
     keys = ("parameters.size.uniform", "parameters.size", "policy.hidden_sizes")
     assert [[each.get(key) for key in keys] for each in _varied(configs)] == [
         ["[0.5, 1.0]", None, "[8, 8]"],

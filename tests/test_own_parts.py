@@ -57,6 +57,15 @@ class Flat(Shapes):
 def term(outputs, log_probs, batch):
     return 0.0 * log_probs.sum()
 
+def vector(outputs, log_probs, batch):
+    return log_probs
+
+def number(outputs, log_probs, batch):
+    return 0.0
+
+def of_nothing(outputs, log_probs, batch):
+    return outputs.mean.square().mean()
+
 def mine(device, setting):
     from joybridge.layouts import make_layouts
     return make_layouts("hybrid", device)
@@ -203,6 +212,20 @@ def test_sensors_keep_their_names_and_shapes_and_the_seed_fixes_the_network(layo
 def test_a_network_that_cannot_work_is_refused_by_name(network, message, folder):
     with pytest.raises(ConfigError, match=message):
         actor(network)
+
+
+@pytest.mark.parametrize(
+    ("term", "message"),
+    [
+        ("vector", r"loss: parts:vector returned a tensor of \[\d+\], expected a tensor of one number"),
+        ("number", "loss: parts:number returned float, expected a tensor of one number"),
+        ("of_nothing", r"returned nan, expected a finite number; the shapes .*'mean': \[\d+, 0\]"),
+    ],
+)
+def test_a_term_that_is_no_finite_number_is_refused_by_name(term, message, folder, simulator):
+    settings = "policy.rollout_steps=20", "policy.time_horizon=20", f"policy.loss=parts:{term}", "layout=bucket-3"
+    status, _, errors = joybridge("train", "hybrid_suite/catch_point", "--simulator", simulator, "arenas=4", *settings)
+    assert status == 1 and re.search(message, errors)
 
 
 def test_names_are_of_modules_and_terms_are_functions(folder, simulator):

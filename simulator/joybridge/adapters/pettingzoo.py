@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any, ClassVar
 
 import numpy as np
+from pettingzoo import AECEnv
 
 from joybridge.adapters.environment_game import EnvironmentGame
 from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
@@ -19,16 +20,22 @@ from joybridge.simulator import Action, Game, TimeStep, behavior, spec, terminat
 
 
 def adapt(text: str) -> type[Game]:
-    """Return the game for "MODULE KEY=VALUE …"; the module has a function `parallel_env` or `env`, or both.
+    """Return the game for "MODULE KEY=VALUE …" or "MODULE:NAME KEY=VALUE …".
+
+    NAME: a class or function of the module that makes an environment; without it `parallel_env` or `env`.
 
     Raises AdapterError, and whatever the environment raises.
     """
-    name, arguments = read_settings(text)
+    place, arguments = read_settings(text)
+    name, _, maker = place.partition(":")
     module = import_module(name)
-    kind = ParallelGame if hasattr(module, "parallel_env") else TurnsGame
-    make = getattr(module, "parallel_env", None) or getattr(module, "env", None)
+    makers = [maker] if maker else ["parallel_env", "env"]
+    make = next((getattr(module, each) for each in makers if hasattr(module, each)), None)
     if make is None:
-        raise AdapterError(f"the module {name} has no function parallel_env or env")
+        raise AdapterError(
+            f"the module {name} has no {' or '.join(makers)}; name the class or function that makes an environment, as "
+            f"in {name}:MyEnvironment"
+        )
     arguments, picture = choose_rendering(make, arguments)
     with making(make, arguments) as env:
         if not getattr(env, "possible_agents", None):
@@ -36,11 +43,12 @@ def adapt(text: str) -> type[Game]:
                 "the environment has no possible_agents; joybridge.v1 needs to know how many there may be"
             )
         behaviors, seconds = _behaviors(env), tick_seconds(env)
+        kind = TurnsGame if isinstance(env, AECEnv) else ParallelGame
     game: Any = type(
         "AdaptedGame",
         (kind,),
         {
-            "name": name.rpartition(".")[2],
+            "name": maker or name.rpartition(".")[2],
             "description": f"{text}, an environment of PettingZoo.",
             "make": staticmethod(lambda: make(**arguments)),
             "spaces": {agent: spaces for agents, spaces in behaviors.values() for agent in agents},

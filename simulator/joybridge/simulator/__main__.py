@@ -155,7 +155,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     for option, metavar, text in (
         ("gym", "ID", "add an environment of Gymnasium: its ID, or module:ID"),
-        ("pettingzoo", "MODULE", "add an environment of PettingZoo: the module with its parallel_env or env"),
+        (
+            "pettingzoo",
+            "MODULE",
+            "add an environment of PettingZoo: a module with parallel_env or env, or MODULE:NAME",
+        ),
         ("pygame", "PROGRAM", "add a program written with pygame: FILE, MODULE or PACKAGE:SCRIPT"),
         ("unity", "BUILD", "add a player of Unity ML-Agents: its executable file"),
         ("unity-port", "PORT", "add a player of Unity ML-Agents that is started by hand and connects to this port"),

@@ -16,7 +16,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_at, choose_game
 from joybridge.client.run_command import protected, run_command, search_here
 from joybridge.commands.contact_sheet import Line, Tile, write_sheet
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import ConfigError, no_picture
 from joybridge.config.game_or_config import game_or_config
 from joybridge.config.game_settings import GameSettings, check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
@@ -49,7 +49,7 @@ def _look(options: argparse.Namespace) -> None:
     with _open(what, settings, options) as session:
         spec = session.spec
         if not spec.HasField("picture"):
-            raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+            raise no_picture(spec.name)
         every = decisions_apart(spec)
         write_sheet(list(islice(random_play(session, every, options.seed), options.pictures)), options.output)
     apart = f"{every} decisions" if every > 1 else "decision"

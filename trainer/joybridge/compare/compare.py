@@ -195,6 +195,9 @@ def remarks(
     if warning := different_bodies(variants, specs):
         yield warning
     yield from islice(chain.from_iterable(too_few_updates(each.config) for each in variants if not each.by), 1)
+    best = {variant.config.best_metric for variant in variants}
+    if options.metric == "reward" and len(best) == 1 and (metric := best.pop().removeprefix("-")) != "reward":
+        yield f"rewards are compared; the configuration goes by {metric} (best_metric): --metric {metric} compares that"
     if options.test is None and (short := too_short_for_scores(variants, specs, options.metric)):
         yield short
     if changed := changed_sources([*read_made_with(options.output), MadeWith({}, sources)]):

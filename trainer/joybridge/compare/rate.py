@@ -111,7 +111,8 @@ def rate_runs(options: argparse.Namespace) -> None:
         }
         if len(trained) + len(options.others) < 2:
             raise ConfigError(
-                f"{first} has one checkpoint, and a tournament needs two players; set keep, or add a run or --others"
+                f"{first} has one checkpoint, and a tournament needs two players; keep more with keep_checkpoints, or "
+                "add a run or --others"
             )
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
         players |= {name: load_other(name, config.game, spec) for name in options.others}
@@ -121,6 +122,8 @@ def rate_runs(options: argparse.Namespace) -> None:
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):
             raise ConfigError(f"--anchor got {anchor!r}, expected one of {', '.join(sorted(known))}")
         say(f"{len(names)} players: {', '.join(names)}")
+        if few := [str(run) for run, each in configs.items() if each.keep_checkpoints < options.policies]:
+            say(f"{', '.join(few)} kept few checkpoints; keep_checkpoints={options.policies} lets a training keep more")
         if len(log) < len(before):
             say(f"{len(before) - len(log):,} matches of these players with this seed are played again")
         played = play_tournament(players, config, address=address, matches=options.matches, seed=options.seed, say=say)

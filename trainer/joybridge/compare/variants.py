@@ -107,6 +107,8 @@ def read_change(text: str) -> Change:
 
     Spaces in brackets and in double quotes do not separate keys. Raises ConfigError.
     """
+    if re.match(r"[^=\s]+:\S", text.partition("=")[0]):
+        raise ConfigError(f"--change got {text!r}; a name needs a space behind its colon, as in 'far: arenas=2'")
     name, keys = named.groups() if (named := re.fullmatch(r"\s*([^=:]+?)\s*:\s+(.*)", text)) else ("", text)
     pairs = [read_values(part, "--change") for part in split(keys, " ") if part]
     if not pairs or any(len(values) > 1 for _, values in pairs):

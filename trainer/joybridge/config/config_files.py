@@ -50,7 +50,8 @@ def find_config(text: str) -> Path:
     if name in names:
         return FOLDER / f"{name}.yaml"
     in_folder = [known for known in names if name.strip("/") in known.split("/")]  # only the game, or only the stem
-    near = in_folder or difflib.get_close_matches(name, names, n=3)
+    of_game = [known for known in names if name.partition("/")[0] in known.split("/")]
+    near = in_folder or of_game or difflib.get_close_matches(name, names, n=3)
     files = [path.as_posix() for path in sorted(Path(text).parent.glob("*.yaml"))]
     near = difflib.get_close_matches(text, files, n=3) or near
     games = sorted({known.partition("/")[0] for known in names})

@@ -51,3 +51,11 @@ class DivergedError(JoybridgeError):
 
 class ExportError(JoybridgeError):
     """An exported policy that does not play as the trainer does; nothing is written."""
+
+
+def no_picture(game: str) -> ConfigError:
+    """Return the error of a game that cannot be drawn."""
+    return ConfigError(
+        f"{game} cannot be drawn: its spec has no picture; if the game is yours, give it `draw`, and "
+        "spec(…, picture=(WIDTH, HEIGHT)), the size of what it returns"
+    )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import no_picture
 from joybridge.contract.tensors import Array
 from joybridge.play.input_overlay import Inputs
 from joybridge.play.playing import Play, Played, PlaySpec, open_play
@@ -84,5 +84,5 @@ def _pictures(play: Play, ticks: int, every: int, episodes: int | None) -> Itera
 def pace_of(spec: pb.GameSpec) -> float:
     """Return how many decisions a second of a video shows. Raises ConfigError if the game cannot be drawn."""
     if not spec.HasField("picture"):
-        raise ConfigError(f"{spec.name} cannot be drawn: its spec has no picture")
+        raise no_picture(spec.name)
     return 1.0 / (spec.tick_seconds * spec.decision_interval) if spec.tick_seconds else SLOWEST

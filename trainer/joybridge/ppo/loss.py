@@ -178,7 +178,7 @@ def ppo_loss(
     if term is not None:
         added = term(outputs, log_probs, batch)
         loss = loss + added
-        parts.append(added.reshape(1).to(statistics))
+        parts.append(added[None].to(statistics))
     return loss, torch.cat(parts).detach()
 
 

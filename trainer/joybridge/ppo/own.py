@@ -21,13 +21,27 @@ Term: TypeAlias = Callable[[Any, Tensor, Any], Tensor]
 
 
 def load_term(name: str) -> Term:
-    """Return a term of the loss. Raises ConfigError."""
+    """Return a term of the loss, which raises ConfigError if it returns no finite number. Raises ConfigError."""
     term = load_own("loss", name)
     if not isinstance(term, FunctionType):
         raise ConfigError(
             f"loss: {name!r} is {type(term).__name__}, expected a function of outputs, log_probs and batch"
         )
-    return term
+
+    def checked(outputs: Any, log_probs: Tensor, batch: Any) -> Tensor:
+        added = term(outputs, log_probs, batch)
+        if not isinstance(added, Tensor) or added.numel() != 1:
+            came = f"a tensor of {list(added.shape)}" if isinstance(added, Tensor) else type(added).__name__
+            raise ConfigError(f"loss: {name} returned {came}, expected a tensor of one number, such as a mean")
+        if not added.isfinite() and log_probs.isfinite().all():  # otherwise the network itself is no longer finite
+            shapes = {each: list(getattr(outputs, each).shape) for each in ("logits", "mean", "value")}
+            raise ConfigError(
+                f"loss: {name} returned {added.item():g}, expected a finite number; the shapes of its outputs are "
+                f"{shapes}: a layout has no means without Gaussians, and no logits without choices"
+            )
+        return added.reshape(())
+
+    return checked
 
 
 class OwnEncoder(nn.Module):

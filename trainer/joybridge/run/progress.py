@@ -72,6 +72,8 @@ def row_text(row: Row) -> str:
     parts = [f"reward {row['reward']:.1f}  length {row['length']:.0f}" if "reward" in row else "no episode ended"]
     if "interrupted" in row:
         parts.append(f"{row['interrupted']:.0f} episodes cut by errors of the game")
+    if "ahead" in row:  # of opponents: in play against itself, a reward says little
+        parts.append(f"ahead {row['ahead']:.0%}")
     if text := held_out_text(row):
         parts.append(text)
     parts.append("  ".join(f"{name} {value:.3g}" for name, value in row.items() if not is_builtin_metric(name)))

@@ -64,7 +64,8 @@ def load(folder: str | Path) -> "pandas.DataFrame":
     """Return the metrics of all runs in a folder and below it.
 
     Columns: run (the folder, from here), game, layout, seed, policy, the other keys of the configurations in which the
-    runs differ ("hand.delay"), then those of the files of metrics; what a game does not have is NaN. Needs pandas:
+    runs differ ("hand.delay"), then those of the files of metrics; what a game does not have is NaN, and a name that a
+    configuration does not set, such as "policy.network", is "none". Needs pandas:
     `pip install 'joybridge[results]'`. Raises ConfigError and CheckpointError.
     """
     import pandas
@@ -79,12 +80,17 @@ def load(folder: str | Path) -> "pandas.DataFrame":
 def _varied(configs: Sequence[Config]) -> list[dict[str, object]]:
     """Return the keys in which configurations differ, but for NAMED, with the values that each has; None: it has none.
 
-    What is no number or text is JSON.
+    What is no number or text is JSON. A text that is missing is "none", since pandas leaves None out of groups.
     """
-    texts = [
-        {key: json.dumps(value) if isinstance(value, dict | list) else value for key, value in flat(each).items()}
-        for each in (config.model_dump(mode="json", exclude=set(NAMED)) for config in configs)
-    ]
+    found = [flat(config.model_dump(mode="json", exclude=set(NAMED))) for config in configs]
+    named = {key for each in found for key, value in each.items() if isinstance(value, str)}
+
+    def cell(key: str, value: object) -> object:
+        if isinstance(value, dict | list):
+            return json.dumps(value)
+        return "none" if value is None and key in named else value
+
+    texts = [{key: cell(key, value) for key, value in each.items()} for each in found]
     keys = dict.fromkeys(key for each in texts for key in each)
     varied = [key for key in keys if any(each.get(key) != texts[0].get(key) for each in texts)]
     return [{key: each.get(key) for key in varied} for each in texts]

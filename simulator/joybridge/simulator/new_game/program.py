@@ -24,8 +24,8 @@ def state(program):  # numbers for the sensor "state", always as many, as in [pr
     return []
 
 
-def reward(program):  # after each frame: a number, or one for each channel, as in {{"coins": 1.0, "hits": -0.1}}
-    return 0.0
+# def reward(program):  # after each frame: a number, or one for each channel, as in {{"coins": 1.0, "hits": -0.1}}
+#     return 0.0
 
 
 def done(program):  # after each frame: whether the episode is over, as in program.lives == 0
@@ -35,7 +35,6 @@ def done(program):  # after each frame: whether the episode is over, as in progr
 def metrics(program):  # at the end of an episode: what `evaluate` reports, as in {{"level": program.level}}
     return {{}}
 '''
-WITHOUT_REWARD = re.sub(r"def reward.*?\n\n\n", "", HOOK, flags=re.DOTALL)
 
 
 def write_program(text: str, folder: Path) -> str:
@@ -52,7 +51,7 @@ def write_program(text: str, folder: Path) -> str:
     config, hook = folder / f"{stem}.yaml", folder / f"{stem}_hook.py"
     texts = {}
     if "hook" not in keys:
-        texts[hook] = (WITHOUT_REWARD if "reward" in keys else HOOK).format(name=name)
+        texts[hook] = HOOK.format(name=name)
         keys["hook"] = [hook.name]
     check_new([config, *texts])
     game: Any = load_game(PYGAME + text)
