@@ -96,17 +96,18 @@ def test_mlflow_gets_names_that_it_takes(tmp_path, monkeypatch):
 def test_a_resumed_run_is_the_same_one_to_weights_and_biases_and_a_new_one_is_not(tmp_path, monkeypatch):
     package = MagicMock()
     monkeypatch.setitem(sys.modules, "wandb", package)
-    monkeypatch.setenv("NETRC", str(tmp_path / "none"))
-    for after in (0, 64, 0):
-        SINKS["wandb"](tmp_path, "player", after, Config(game="hybrid"))
-    first, resumed, new = [call.kwargs["id"] for call in package.init.call_args_list]
-    assert first == resumed != new
-    assert {call.kwargs["mode"] for call in package.init.call_args_list} == {"offline"}
+    for name in ("WANDB_MODE", "WANDB_API_KEY", "WANDB_BASE_URL"):
+        monkeypatch.delenv(name, raising=False)
     (tmp_path / "netrc").write_text("machine api.wandb.ai login user password secret")
     (tmp_path / "netrc").chmod(0o600)
-    monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
-    SINKS["wandb"](tmp_path, "player", 64, Config(game="hybrid"))
-    assert package.init.call_args.kwargs["mode"] == "online"
+    for login, mode in (("none", "offline"), ("netrc", "online")):
+        monkeypatch.setenv("NETRC", str(tmp_path / login))
+        for after in (0, 64, 0):
+            SINKS["wandb"](tmp_path, "player", after, Config(game="hybrid"))
+        calls = [call.kwargs for call in package.init.call_args_list[-3:]]
+        assert {call["mode"] for call in calls} == {mode}
+        first, resumed, new = [call["id"] for call in calls]
+        assert (first == resumed) == (mode == "online") and new not in (first, resumed)
 
 
 @pytest.mark.nightly

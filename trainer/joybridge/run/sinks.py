@@ -62,7 +62,10 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """A run of Weights & Biases for each policy, in one group; in the folder `wandb` unless there is a login."""
+    """A run of Weights & Biases for each policy, in one group; in the folder `wandb` unless there is a login.
+
+    Without a login, a training that goes on is another run of the group.
+    """
 
     def __init__(self, run: Path, policy: str, after: int, config: Config) -> None:
         """Begin, or continue the run whose name is noted in the folder."""
@@ -70,7 +73,9 @@ class WeightsAndBiases:
 
         mode = os.environ.get("WANDB_MODE") or ("online" if _has_login() else "offline")
         note = run / f"wandb-{metrics_name(policy)}"  # as the run of MLflow is noted
-        name = read_file(note, 1000).decode() if after and note.exists() else secrets.token_hex(8)
+        # Offline, each training is a run of its own: `wandb sync` would replace the first part by one of the same name.
+        goes_on = after and note.exists() and mode != "offline"
+        name = read_file(note, 1000).decode() if goes_on else secrets.token_hex(8)
         write_atomically(note, name.encode())
         self._run: Any = wandb.init(
             project=os.environ.get("WANDB_PROJECT", "joybridge"),
