@@ -9,6 +9,7 @@ import pytest
 
 from joybridge.conformance import doctor, examination
 from joybridge.conformance.doctor import main
+from joybridge.conformance.expectations import TimedOut
 from tests.support.broken_servers import BROKEN, PROTECTED, BrokenServer, Gauntlet, Service, serving
 
 pytestmark = pytest.mark.usefixtures("quiet_servers")
@@ -201,3 +202,12 @@ def test_games_for_which_no_time_was_left_are_one_line(monkeypatch):
     with serving(BrokenServer(set(), service=Many)) as address:
         findings = [*examination.examine(address)]
     assert findings[-1].text == "one, other: no time was left; name a game with --game"
+
+
+def test_a_game_that_had_little_time_is_no_problem():
+    def late():
+        raise TimedOut(0.4)
+
+    hurried, first = (examination._look("steps", late, hurried=hurried) for hurried in (True, False))
+    assert (hurried.ok, first.ok) == (None, False)
+    assert hurried.text == "no response within 0.4 s, and little time was left; name a game with --game"

@@ -70,7 +70,7 @@ def examine(
 
         def look(about: str, run: Look) -> Finding:
             client.seconds = round(max(until - time.monotonic(), 0.1), 1)
-            return _look(about, run)
+            return _look(about, run, hurried=client.seconds < SECONDS / 2)
 
         listed: list[pb.GameSummary] = []
         calls = look("calls", lambda: _calls(client, listed))
@@ -86,10 +86,13 @@ def examine(
             yield Finding("steps", None, f"{', '.join(waiting)}: no time was left; name a game with --game")
 
 
-def _look(about: str, run: Look) -> Finding:
+def _look(about: str, run: Look, *, hurried: bool = False) -> Finding:
+    """Return what a look finds. hurried: what was looked at before has left little time, so a time-out says nothing."""
     try:
         return Finding(about, True, run())
     except TimedOut as error:
+        if hurried:
+            return Finding(about, None, f"{error.got}, and little time was left; name a game with --game")
         text = f"{error.got}: the server hangs, is busy or compiles the game; look at its log, and try again"
         return Finding(about, False, text)
     except Violation as error:
