@@ -116,7 +116,8 @@ def test_runs(
     """Return the runs with what their newest policies have reached in a test as scores, and why others have none.
 
     There is an entry for each of the settings that `test_settings` lists, with the same runs in all. What a run has
-    played before, with the same things, is not played again. policies: whose metric counts; "": the only one.
+    played before, with the same things, is not played again. policies: whose metric counts; "": the only one. Raises
+    ConfigError, SimulatorError and StorageError.
     """
     tested, failed = list[dict[Job, Run]](), dict[Job, str]()
     done, played, total, begin = 0, 0, len(runs) * len(test_settings(options)), time.monotonic()
@@ -132,17 +133,17 @@ def test_runs(
                 test = PlayedTest(
                     settings, options.episodes, options.deterministic, SEED, _newest(job.run), played_with
                 )
-                try:
-                    # The game of a simulator that is running may have changed without a trace.
-                    found = None if options.simulator else find_result(job.run, test)
-                    if found is None:
-                        address = address or opened.enter_context(_simulator(options))
+                # The game of a simulator that is running may have changed without a trace.
+                found = None if options.simulator else find_result(job.run, test)
+                if found is None:
+                    address = address or opened.enter_context(_simulator(options))
+                    try:
                         found = _play(job.run, test, address)
-                        keep_result(job.run, test, found)
-                        played += 1
-                except JoybridgeError as error:
-                    failed[job] = str(error)
-                    continue
+                    except JoybridgeError as error:
+                        failed[job] = str(error)
+                        continue
+                    keep_result(job.run, test, found)
+                    played += 1
                 measured = found[policies[job] or next(iter(found))]
                 mean = measured.means[options.metric]
                 reached[job] = replace(run, measured=mean, episodes=measured.episodes)
