@@ -70,7 +70,7 @@ def examine(
 
         def look(about: str, run: Look) -> Finding:
             client.seconds = round(max(until - time.monotonic(), 0.1), 1)
-            return _look(about, run, hurried=client.seconds < SECONDS / 2)
+            return _look(about, run, hurried=not games and client.seconds < SECONDS / 2)
 
         listed: list[pb.GameSummary] = []
         calls = look("calls", lambda: _calls(client, listed))
@@ -87,7 +87,7 @@ def examine(
 
 
 def _look(about: str, run: Look, *, hurried: bool = False) -> Finding:
-    """Return what a look finds. hurried: what was looked at before has left little time, so a time-out says nothing."""
+    """Return what a look finds. hurried: games before have left little time, so a time-out says nothing."""
     try:
         return Finding(about, True, run())
     except TimedOut as error:

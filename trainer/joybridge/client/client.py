@@ -142,7 +142,7 @@ class Session:
         return outcome.steps, outcome.tick_pictures + outcome.pictures
 
     def distribute(self, distributions: Distributions) -> None:
-        """Draw these parameters again in all episodes that begin from the next step on; running ones keep theirs."""
+        """Draw these parameters in all episodes that begin from the next step on; running ones keep theirs."""
         self._coming = {**self._coming, **distributions}
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:

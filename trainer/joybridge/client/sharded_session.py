@@ -127,7 +127,7 @@ class ShardedSession:
             session.send(part_of(acts, self.bounds, index))
 
     def distribute(self, distributions: Distributions) -> None:
-        """Draw these parameters again in all episodes that begin from the next step on; running ones keep theirs."""
+        """Draw these parameters in all episodes that begin from the next step on; running ones keep theirs."""
         for session in self.sessions:
             session.distribute(distributions)
 

@@ -23,9 +23,7 @@ from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.address import address, is_address
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.codec import ActArrays, StepArrays
-from joybridge.contract.credentials import (
-    add_credentials_arguments,
-)
+from joybridge.contract.credentials import add_credentials_arguments
 from joybridge.contract.tensors import Array
 from joybridge.layouts import make_acts
 from joybridge.layouts.random_acts import obey_masks, press_at_random

@@ -11,9 +11,7 @@ from joybridge.client.run_command import add_one_simulator, protected, run_comma
 from joybridge.config.game_settings import check_settings, read_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.argument_types import PORTS, at_least, command_parser, seconds
-from joybridge.contract.credentials import (
-    check_credentials,
-)
+from joybridge.contract.credentials import check_credentials
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.mlagents.wire import PORT
 from joybridge.mlagents_player.connection import connect, play

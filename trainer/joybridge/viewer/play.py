@@ -16,9 +16,7 @@ from joybridge.config.game_settings import check_settings
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser, seconds
 from joybridge.contract.codec import lane_count
-from joybridge.contract.credentials import (
-    check_credentials,
-)
+from joybridge.contract.credentials import check_credentials
 from joybridge.viewer.page_options import add_page_options
 
 if TYPE_CHECKING:

@@ -214,8 +214,8 @@ class BeastlyRivals(PointerGame):
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision.
 
-        A death begins a new episode in its arena only, and the clock continues; at the clock's end an episode begins
-        again, in all arenas together unless their clocks are spread.
+        A death begins a new episode in its arena only, and the clock continues; at the clock's end a new episode begins
+        in all arenas together unless their clocks are spread.
         """
         (act,) = acts
         arenas = self.arenas

@@ -59,11 +59,7 @@ class CatchPoint(ParticleGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return cls.record_spec(
-            catcher,
-            max_episode_decisions=int(options["decisions"]),
-            picture=PICTURE,
-        )
+        return cls.record_spec(catcher, max_episode_decisions=int(options["decisions"]), picture=PICTURE)
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int

@@ -97,10 +97,7 @@ class Goal(SuiteGame):
             channels=cls.channels,
             metrics=METRICS,
         )
-        return cls.record_spec(
-            striker,
-            picture=PICTURE,
-        )
+        return cls.record_spec(striker, picture=PICTURE)
 
     @classmethod
     def actions(cls) -> Sequence[str]:

@@ -58,11 +58,7 @@ class HardMove(ParticleGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return cls.record_spec(
-            mover,
-            max_episode_decisions=DECISIONS,
-            picture=PICTURE,
-        )
+        return cls.record_spec(mover, max_episode_decisions=DECISIONS, picture=PICTURE)
 
     def __init__(
         self, options: Mapping[str, str], parameters: Mapping[str, float], arenas: int, first_arena: int, seed: int

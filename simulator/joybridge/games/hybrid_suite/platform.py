@@ -72,11 +72,7 @@ class Platform(SuiteGame):
             channels=CHANNELS,
             metrics=METRICS,
         )
-        return cls.record_spec(
-            player,
-            max_episode_decisions=DECISIONS,
-            picture=PICTURE,
-        )
+        return cls.record_spec(player, max_episode_decisions=DECISIONS, picture=PICTURE)
 
     def begin_where(self, which: Array) -> None:
         """Put the player at the left end.

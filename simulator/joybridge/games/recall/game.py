@@ -1,7 +1,7 @@
 """Recall: a light shows a color, and the color is asked for later. Nothing else tells which it was.
 
 With the option task=cue, the light shines at the first decision only, and the answer counts `delay` decisions later,
-when `asked` is 1. With task=echo, it shines again at every decision, and each answer is to name the color of eight
+when `asked` is 1. With task=echo, it shows a color at every decision, and each answer is to name the color of eight
 decisions before. Who guesses is right in a quarter of the cases.
 """
 
