@@ -12,7 +12,7 @@ from gymnasium import spaces
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
 from joybridge.contract.codec import ActArrays
-from joybridge.simulator.batched_game import GameError
+from joybridge.simulator.batched_game import ArenaError, GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.listing import listing
@@ -234,6 +234,11 @@ def test_agents_that_come_and_go_are_lanes_that_wait():
     assert (runners.terminated.tolist(), runners.truncated.tolist()) == ([True, False], [False, True])
     assert judge.truncated.tolist() == [True]
     assert runners.final_observations[0][:, 0].tolist() == [2, 14]
+
+
+def test_an_agent_whose_observation_is_missing_is_named():
+    with pytest.raises(ArenaError, match=r"no observation of judge, which is .*; it returned those of runner_0"):
+        play("pettingzoo:tests.support.leaving_agents:Hiding")
 
 
 @pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")

@@ -40,4 +40,11 @@ class Leaving:
         return {agent: np.array([10 * self.possible_agents.index(agent) + self.clock], np.float32) for agent in agents}
 
 
+class Hiding(Leaving):
+    """The same, but nobody observes the judge."""
+
+    def observe(self, agents):
+        return super().observe([agent for agent in agents if agent != "judge"])
+
+
 parallel_env = Leaving

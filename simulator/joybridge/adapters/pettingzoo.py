@@ -123,6 +123,11 @@ class PettingZooGame(EnvironmentGame):
             if over:
                 timesteps.append((termination if self.terminated.get(agent, True) else truncation)(seen, paid))
             elif agent in deciding and agent not in ended:
+                if agent not in observations:
+                    raise ValueError(
+                        f"the environment returned no observation of {agent}, which is among its agents; it returned "
+                        f"those of {', '.join(map(str, observations)) or 'nobody'}"
+                    )
                 timesteps.append(transition(seen, paid, spaces.masks(observations[agent], infos.get(agent, {}))))
             else:
                 timesteps.append(waiting(seen, paid))
