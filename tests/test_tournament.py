@@ -293,6 +293,8 @@ def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp
     places = [dict(zip(match.players, match.places, strict=True)) for match in log]
     assert all(one["script:perfect"] <= 1.5 for one in places if "script:perfect" in one)
     assert any(one["script:random"] == 2 for one in places if "script:random" in one)
+    shared = sum(set(match.places) == {1.5} for match in log)
+    assert f"in {shared} of them ({shared / 40:.1%}) the first place is shared" in (tmp_path / "page.md").read_text()
     numbers = json.loads((tmp_path / "rating.json").read_text())
     assert numbers["ratings"]["script:random"]["value"] == 0 < numbers["ratings"]["script:perfect"]["value"]
 

@@ -122,8 +122,6 @@ def rate_runs(options: argparse.Namespace) -> None:
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):
             raise ConfigError(f"--anchor got {anchor!r}, expected one of {', '.join(sorted(known))}")
         say(f"{len(names)} players: {', '.join(names)}")
-        if few := [str(run) for run, each in configs.items() if each.keep_checkpoints < options.policies]:
-            say(f"{', '.join(few)} kept few checkpoints; keep_checkpoints={options.policies} lets a training keep more")
         if len(log) < len(before):
             say(f"{len(before) - len(log):,} matches of these players with this seed are played again")
         played = play_tournament(players, config, address=address, matches=options.matches, seed=options.seed, say=say)

@@ -59,6 +59,11 @@ class Tournament:
                 found.setdefault(run, []).append((timesteps, self.ratings[player]))
         return {run: sorted(points) for run, points in found.items() if len(points) > 1}
 
+    @property
+    def shared(self) -> int:
+        """The number of matches whose first place is shared."""
+        return sum(match.places.count(min(match.places)) > 1 for match in self.matches)
+
 
 def write_rating_page(tournament: Tournament, folder: Path, figures: str = "") -> list[Path]:
     """Write the page, its pictures and its numbers into a folder. Return the paths of all but the page's pictures.
@@ -79,9 +84,10 @@ def page_text(tournament: Tournament) -> str:
     matches, ratings = tournament.matches, tournament.ratings
     blocks = [
         f"# {escaped(tournament.title)}: {len(ratings)} players",
-        f"{len(matches):,} matches of {len(matches[0].players)}. Ratings are fitted to all of them at once by maximum "
-        "likelihood; shared places are counted as such. A player that is rated 400 points higher is ten times as "
-        f"likely to be ahead. {escaped(tournament.anchor)} is 0 by definition. Intervals are 95 % confidence "
+        f"{len(matches):,} matches of {len(matches[0].players)}; in {tournament.shared:,} of them "
+        f"({tournament.shared / len(matches):.1%}) the first place is shared. Ratings are fitted to all of them at once "
+        "by maximum likelihood; shared places are counted as such. A player that is rated 400 points higher is ten "
+        f"times as likely to be ahead. {escaped(tournament.anchor)} is 0 by definition. Intervals are 95 % confidence "
         "intervals of a bootstrap over matches.",
         "## Rating",
         rating_table(tournament),
@@ -119,6 +125,7 @@ def as_data(tournament: Tournament) -> dict[str, object]:
         "title": tournament.title,
         "anchor": tournament.anchor,
         "matches": len(tournament.matches),
+        "shared_first_places": tournament.shared,
         "ratings": {player: rating._asdict() for player, rating in tournament.ratings.items()},
         "trained": {player: {"run": run, "timesteps": t} for player, (run, t) in tournament.trained.items()},
         "payoff": [[None if math.isnan(share) else share for share in row] for row in shares],
