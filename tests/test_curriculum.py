@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import joybridge.commands.train as trainer
-from joybridge.config.config import load_config
+from joybridge.config.config import HandConfig, load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import StepArrays
@@ -96,6 +96,8 @@ def test_a_game_without_parameters_per_episode_is_named(tmp_path):
         ("[{parameters: {size: 1}, until: {above: 1, below: 2}}]", "curriculum.0.until: .*expected one threshold"),
         ("[{parameters: {size: 1}, until: {over: 1}}]", "unknown key 'curriculum.0.until.over'"),
         ("[{parameters: {size: big}}]", "curriculum.0.parameters.size: .*expected a number"),
+        ("[{hand: {late: 1}}]", "unknown key 'curriculum.0.hand.late'"),
+        ("[{hand: {delay: 1}, until: {above: 1}}, {hand: {delay: -1}}]", "curriculum.1.hand.delay: got -1"),
         ("[{parameters: {size: 9}}]", "curriculum.0.parameters.size: .*got 9, expected 0.1..4"),
         ("[{parameters: {weight: 1}}]", "curriculum.0.parameters.weight: .*unknown parameter 'weight'"),
         (
@@ -201,7 +203,10 @@ def test_without_a_curriculum_parameters_are_as_they_are(tmp_path):
 
 
 def test_policies_play_the_last_lesson_unless_told_otherwise(tmp_path):
-    config(tmp_path, CURRICULUM)
+    slow = CURRICULUM.replace("[0.2, 0.4]}}}", "[0.2, 0.4]}}, hand: {delay: 2}}")
+    config(tmp_path, f"{slow}hand: {{noise: 0.1}}")
+    assert play_config(tmp_path, []).hand == HandConfig(delay=2, noise=0.1)
+    assert play_config(tmp_path, ["hand.delay=3"]).hand == HandConfig(delay=3, noise=0.1)
     assert play_config(tmp_path, []).parameters == {"size": {"uniform": [0.2, 0.4]}}
     assert play_config(tmp_path, ["parameters.size=2"]).parameters == {"size": 2.0}
     with pytest.raises(ConfigError, match=r"game belongs to the training of .*; another program .* --pygame PROGRAM"):
@@ -214,7 +219,7 @@ SMALL = ["arenas=4", "policy.rollout_steps=20", "policy.minibatch_size=40", "log
 BEASTS = Path(__file__).parents[1] / "configs" / "beastly_rivals" / "bucket-3.yaml"
 LESSONS = (
     "curriculum=[{parameters: {beast_speed: 1.5}, until: {metric: survival, above: 1, episodes: 3}}, "
-    "{parameters: {beast_speed: {uniform: [0.5, 1.5]}}}]"
+    "{parameters: {beast_speed: {uniform: [0.5, 1.5]}}, hand: {delay: 2}}]"
 )
 
 
@@ -235,7 +240,10 @@ def test_lessons_are_the_same_to_the_bit_in_two_sessions_in_three_and_after_a_re
         train(tmp_path / "parts", [simulator], "stop_at=800") and train(tmp_path / "parts", [simulator], "--resume"),
     ]
     output = capsys.readouterr().out
-    assert "lesson 1 of 2: beast_speed=1.5" in output and "lesson 2 of 2: beast_speed={uniform: [0.5, 1.5]}" in output
+    assert (
+        "lesson 1 of 2: beast_speed=1.5" in output
+        and "lesson 2 of 2: beast_speed={uniform: [0.5, 1.5]}, hand.delay=2" in output
+    )
     for arrays in runs[1:]:
         assert len(arrays) > 10 and all(np.array_equal(array, runs[0][name]) for name, array in arrays.items())
     (metrics,) = (tmp_path / "whole").glob("metrics-*.csv")

@@ -117,6 +117,19 @@ def test_an_action_answers_the_observation_of_some_decisions_ago_and_never_one_o
     assert [each[1].tolist() for each in choices][4:] == [[0, 0], [0, 0]]
 
 
+def test_in_another_lesson_the_hand_is_as_late_as_that_says_from_the_next_decision_on(tmp_path):
+    lessons = "curriculum=[{hand: {delay: 2, reach: 1}, until: {above: 1}}, {hand: {delay: 1}}]"
+    hands = make(tmp_path, "hand.reach=0.5", lessons)
+    chosen = [([number / 10, 0.5], [0, number % 3]) for number in range(1, 5)]
+    axes, choices = play(hands, chosen)
+    assert [each[0, 0] for each in axes] == pytest.approx([0, 0, 0.1, 0.2])
+    hands[0].limit(load_config(tmp_path / "table.yaml", ["hand.reach=0.5", lessons]).hands[1])
+    axes, more = play(hands, [([0.9, 0.5], [0, 0])] * 2)
+    assert [each[0, 0] for each in axes] == pytest.approx([0.4, 0.5])  # the last one is at the end of its reach
+    assert [each[0, 1] for each in (*choices, *more)] == [0, 0, 1, 2, 1, 0]
+    assert hands[0].state()["axes"].shape == (3, 2, 2)  # as many as the latest hand of all lessons keeps
+
+
 def test_a_choice_is_held_for_some_decisions_unless_it_is_forbidden(tmp_path):
     chosen = [(REST, [grip, 0]) for grip in (1, 0, 0, 0, 1, 0, 1)]
     _, choices = play(make(tmp_path, "hand.hold=3"), chosen, ends={(5, 1)})

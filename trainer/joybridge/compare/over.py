@@ -77,8 +77,8 @@ def trained_span(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], key:
 def _span(config: Config, spec: pb.GameSpec, key: str) -> tuple[float, float] | None:
     where, _, name = key.partition(".")
     if where == "hand" and name:
-        value = getattr(config.hand, name)
-        return value, value
+        limits = [getattr(hand, name) for hand in config.hands]
+        return min(limits), max(limits)
     if where != "parameters":
         return None
     usual = config.parameters.get(name, *(each.default_value for each in spec.parameters if each.name == name))

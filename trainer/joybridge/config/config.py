@@ -100,7 +100,8 @@ class Config(Checked):
     )
     curriculum: Lessons = Field(
         [],
-        description="lessons, one after the other: `parameters`, and `until` when, see Curricula in docs/training.md",
+        description="lessons, one after the other: `parameters` and `hand`, and `until` when, see Curricula in "
+        "docs/training.md",
     )
     games: Games = Field(
         {},
@@ -228,9 +229,19 @@ class Config(Checked):
         return self.model_copy(update={"game": one.game, "options": one.options, "parameters": one.parameters})
 
     def in_last_lesson(self) -> "Config":
-        """Return the configuration whose parameters are those of the last lesson of its curriculum, if it has one."""
+        """Return the configuration with the parameters and the hand of the last lesson, if it has a curriculum."""
         last = self.curriculum[-1].parameters if self.curriculum else {}
-        return self.model_copy(update={"parameters": self.parameters | last, "curriculum": []})
+        played = {"parameters": self.parameters | last, "hand": self.hands[-1], "curriculum": []}
+        return self.model_copy(update=played)
+
+    @property
+    def hands(self) -> list[HandConfig]:
+        """Return the limits of the hand in each lesson; without lessons, the only ones. Raises ConfigError."""
+        outside = self.hand.model_dump()
+        return [
+            _validate(HandConfig, merge(outside, lesson.hand), f"curriculum.{index}.hand.")
+            for index, lesson in enumerate(self.curriculum)
+        ] or [self.hand]
 
     def policy_config(self, name: str) -> PolicyConfig:
         """Return the configuration of the policy called `name`. Raises ConfigError."""
@@ -264,6 +275,7 @@ def make_config(data: dict[str, Any]) -> Config:
     config = _validate(Config, data, "")
     for name in config.policies:
         config.policy_config(name)
+    _ = config.hands  # those of lessons are checked when they are put together
     return config
 
 

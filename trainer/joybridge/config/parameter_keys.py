@@ -1,6 +1,6 @@
-"""Keys about parameters of a game: what is drawn at each episode, and the lessons of a curriculum."""
+"""Keys about what is played: parameters that are drawn at each episode, and the lessons of a curriculum."""
 
-from typing import Annotated, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 
@@ -64,7 +64,10 @@ class Lesson(Checked):
     """A part of a curriculum."""
 
     name: str = Field("", max_length=100, description="for messages")
-    parameters: dict[str, Value] = Field(description="parameters in this lesson; others as outside of the curriculum")
+    parameters: dict[str, Value] = Field(
+        {}, description="parameters in this lesson; others as outside of the curriculum"
+    )
+    hand: dict[str, Any] = Field({}, description="limits of the hand in this lesson, as under hand; others as outside")
     until: Until | None = Field(None, description="when the next lesson begins; only the last one has none")
 
 

@@ -25,41 +25,48 @@ class Hand:
 
     def __init__(
         self,
-        limits: HandConfig,
+        lessons: Sequence[HandConfig],
         device: pb.Device,
         rest: ActArrays,
         noise_key: tuple[int, int],
         first_lane: int,
         speeds: Array | None = None,
     ) -> None:
-        """Begin at rest. first_lane: of the group, so that noise does not depend on how arenas are grouped.
+        """Begin at rest, with the limits of the first lesson.
 
+        first_lane: of the group, so that noise does not depend on how arenas are grouped.
         speeds: how far axes are moved in a decision, see `pointer_speeds`; None: all are placed. Those that are
         moved rest in the middle of their range.
         """
-        self.limits, self._rest, self._key, self._first_lane = limits, rest, noise_key, first_lane
+        self._rest, self._key, self._first_lane = rest, noise_key, first_lane
         self._low = np.array([axis.low for axis in device.axes], np.float32)
         self._high = np.array([axis.high for axis in device.axes], np.float32)
         self._middle = (self._low + self._high) / 2
         self._speeds = np.zeros(len(device.axes), np.float32) if speeds is None else speeds
         self._moves = self._speeds > 0
         rest.axes[:, self._moves] = self._middle[self._moves]
-        self._least = np.clip(rest.axes + limits.reach * (self._low - rest.axes), self._low, self._high)
-        self._most = np.clip(rest.axes + limits.reach * (self._high - rest.axes), self._low, self._high)
-        length = limits.delay + 1
+        length = max(limits.delay for limits in lessons) + 1
         self._axes = np.tile(rest.axes, (length, 1, 1))  # that were chosen, oldest first
         self._choices = np.tile(rest.choices, (length, 1, 1))
         self._last = ActArrays(rest.axes.copy(), rest.choices.copy())  # that the device got, without noise
-        self._kept = np.full(rest.choices.shape, limits.hold)  # decisions since the last change of a choice
+        self._kept = np.full(rest.choices.shape, lessons[0].hold)  # decisions since the last change of a choice
         self._decisions = np.array(0)
+        self.limit(lessons[0])
+
+    def limit(self, limits: HandConfig) -> None:
+        """Take other limits, of one of the lessons, from the next decision on."""
+        self.limits, rest = limits, self._rest.axes
+        self._least = np.clip(rest + limits.reach * (self._low - rest), self._low, self._high)
+        self._most = np.clip(rest + limits.reach * (self._high - rest), self._low, self._high)
 
     def apply(self, step: StepArrays, act: ActArrays) -> None:
         """Turn the actions that were chosen for a step into those that the device gets, in place."""
         for queue, chosen in ((self._axes, act.axes), (self._choices, act.choices)):
             queue[:-1] = queue[1:]
             queue[-1] = chosen
-        act.choices[:] = self._held(self._choices[0], step.masks)
-        act.axes[:] = self._moved(self._axes[0])
+        due = -1 - self.limits.delay
+        act.choices[:] = self._held(self._choices[due], step.masks)
+        act.axes[:] = self._moved(self._axes[due])
         self._decisions += 1
 
     def store(self, step: StepArrays) -> None:
@@ -124,10 +131,11 @@ def make_hands(config: Config, spec: pb.GameSpec, first: int, end: int, seed: in
 
     seed: of the noise.
     """
-    if config.hand == HandConfig() and config.pointer != "velocity":
+    lessons = config.hands
+    if all(limits == HandConfig() for limits in lessons) and config.pointer != "velocity":
         return []
     return [
-        Hand(config.hand, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), speeds)
+        Hand(lessons, behavior.device, rest, (seed, HANDS + index), lane_count(behavior, first), speeds)
         for index, (behavior, rest, speeds) in enumerate(
             zip(spec.behaviors, make_acts(spec, end - first), pointer_speeds(config, spec), strict=True)
         )

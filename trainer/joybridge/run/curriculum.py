@@ -1,11 +1,11 @@
-"""The lessons of a run: which parameters are played now, and when the next lesson begins."""
+"""The lessons of a run: which parameters and which hand are played now, and when the next lesson begins."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from joybridge.config.config import Config
+from joybridge.config.config import Config, HandConfig
 from joybridge.config.game_settings import Value, distribution_of, fixed, value_text
 from joybridge.config.metrics import Row
 from joybridge.config.parameter_keys import Until
@@ -23,6 +23,7 @@ class Curriculum:
     def __init__(self, config: Config, spec: pb.GameSpec, policies: Sequence[Policy]) -> None:
         """Begin with the first lesson, in new episodes."""
         self.lessons, self._policies = config.curriculum, {policy.actor.name: policy for policy in policies}
+        self._hands = config.hands
         varied = {name for lesson in self.lessons for name in lesson.parameters}
         defaults = {one.name: one.default_value for one in spec.parameters if one.name in varied}
         self._outside: dict[str, Value] = {**defaults, **config.parameters}
@@ -43,6 +44,11 @@ class Curriculum:
         chosen = self._outside | (self.lessons[self._number].parameters if self.lessons else {})
         varied = {name: value for name, value in chosen.items() if name not in self.parameters}
         return {name: distribution_of(value) for name, value in varied.items()}
+
+    @property
+    def hand(self) -> HandConfig:
+        """The limits of the hand now."""
+        return self._hands[self._number]
 
     def watch(self) -> None:
         """Count the episodes that have ended in the last step. Call it after each, before they are summed up."""
@@ -71,7 +77,9 @@ class Curriculum:
             return ""
         lesson = self.lessons[self._number]
         name = f" ({lesson.name})" if lesson.name else ""
-        values = ", ".join(f"{name}={value_text(value)}" for name, value in lesson.parameters.items())
+        played = {name: value_text(value) for name, value in lesson.parameters.items()}
+        played |= {f"hand.{name}": value for name, value in lesson.hand.items()}
+        values = ", ".join(f"{name}={value}" for name, value in played.items())
         return f"lesson {self._number + 1} of {len(self.lessons)}{name}: {values}"
 
     def row(self) -> Row:

@@ -146,7 +146,8 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
     check_playable(trained, config, str(run))
     last = config.in_last_lesson()
     chosen = {name: config.parameters[name] for name in given.get("parameters", {})}
-    return last.model_copy(update={"parameters": last.parameters | chosen})
+    limits = {name: getattr(config.hand, name) for name in given.get("hand", {})}
+    return last.model_copy(update={"parameters": last.parameters | chosen, "hand": last.hand.model_copy(update=limits)})
 
 
 def changes(before: Config, now: Config) -> dict[str, Any]:

@@ -76,6 +76,7 @@ class Training:
     def begin(self, state: RunState) -> None:
         """Begin, or continue from a state. Raises CheckpointError."""
         self.timesteps = self._logged = state.timesteps
+        self._limit_hands()
         if state.arrays:
             state.restore(self.policies, self.loggers, self.groups, self.league)
             if state.snapshots is None:
@@ -171,6 +172,12 @@ class Training:
             self._say_lesson()
             for group in self.groups:
                 group.session.distribute(self.curriculum.distributions)
+            self._limit_hands()
+
+    def _limit_hands(self) -> None:
+        for group in self.groups:
+            for hand in group.hands:
+                hand.limit(self.curriculum.hand)
 
     def capture(self) -> RunState:
         """Return the state between two cycles, and report live figures."""
