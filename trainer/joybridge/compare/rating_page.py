@@ -85,10 +85,10 @@ def page_text(tournament: Tournament) -> str:
     blocks = [
         f"# {escaped(tournament.title)}: {len(ratings)} players",
         f"{len(matches):,} matches of {len(matches[0].players)}; in {tournament.shared:,} of them "
-        f"({tournament.shared / len(matches):.1%}) the first place is shared. Ratings are fitted to all of them at once "
-        "by maximum likelihood; shared places are counted as such. A player that is rated 400 points higher is ten "
-        f"times as likely to be ahead. {escaped(tournament.anchor)} is 0 by definition. Intervals are 95 % confidence "
-        "intervals of a bootstrap over matches.",
+        f"({tournament.shared / len(matches):.1%}) the first place is shared. Ratings are fitted to all of them at "
+        "once by maximum likelihood; shared places are counted as such. A player that is rated 400 points higher is "
+        f"ten times as likely to be ahead. {escaped(tournament.anchor)} is 0 by definition. Intervals are 95 % "
+        "confidence intervals of a bootstrap over matches.",
         "## Rating",
         rating_table(tournament),
         "## Who is ahead of whom",
