@@ -82,9 +82,15 @@ def ellipse(x: float, y: float, radius_x: float, radius_y: float, corners: int =
 
 def fade(canvas: pygame.Surface, box: pygame.Rect, top: Color, bottom: Color) -> None:
     """Fill a box of a canvas (px) with a vertical gradient."""
-    for row in range(box.height):
-        color = pygame.Color(top).lerp(bottom, row / box.height)
-        pygame.draw.line(canvas, color, (box.left, box.top + row), (box.right - 1, box.top + row))
+    canvas.blit(_gradient(box.width, box.height, top, bottom), box)
+
+
+@lru_cache(maxsize=64)
+def _gradient(width: int, height: int, top: Color, bottom: Color) -> pygame.Surface:
+    gradient = pygame.Surface((width, height))
+    for row in range(height):
+        gradient.fill(pygame.Color(top).lerp(bottom, row / height), (0, row, width, 1))
+    return gradient
 
 
 def write(canvas: pygame.Surface, text: str, size: float, color: Color, x: float, y: float, align: float = 0.0) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["fovea", "shrink"]
 
 BEYOND = 20  # shade of what lies outside the picture
-LUMINANCE = np.array([77, 150, 29])  # of red, green and blue, in 256ths
+LUMINANCE = (77, 150, 29)  # of red, green and blue, in 256ths
 
 
 def shrink(picture: "Array | pygame.Surface", height: int, width: int, channels: int = 1) -> Array:
@@ -25,14 +25,11 @@ def shrink(picture: "Array | pygame.Surface", height: int, width: int, channels:
     channels: 1 for gray, 3 for RGB.
     """
     pixels = _pixels(picture)
-    if channels == 1:
-        pixels = (pixels @ LUMINANCE >> 8)[:, :, None]
-    rows, columns = _shares(pixels.shape[0], height), _shares(pixels.shape[1], width)
-    # The sums are whole numbers below 2^53: floats hold them exactly, in any order of addition.
-    down = np.tensordot(rows, pixels.astype(np.float64), 1)
-    sums = np.einsum("wx,hxc->hwc", columns, down, optimize=True)
     area = pixels.shape[0] * pixels.shape[1]
-    small: Array = ((sums.astype(np.int64) + area // 2) // area).astype(np.uint8)
+    if channels == 1:
+        pixels = _gray(pixels)
+    sums = _sums(_sums(pixels, height).swapaxes(0, 1), width).swapaxes(0, 1)
+    small: Array = ((sums + area // 2) // area).astype(np.uint8)
     return small
 
 
@@ -60,8 +57,18 @@ def _pixels(picture: "Array | pygame.Surface") -> Array:
     return pygame.surfarray.array3d(picture).swapaxes(0, 1)
 
 
-def _shares(many: int, few: int) -> Array:
-    """Return how much of each old pixel each new one covers, in 1 / few: whole numbers, float64 [few, many]."""
-    begin, old = np.arange(few)[:, None] * many, np.arange(many) * few
-    shares: Array = np.clip(np.minimum(begin + many, old + few) - np.maximum(begin, old), 0, None).astype(np.float64)
-    return shares
+def _gray(pixels: Array) -> Array:
+    red, green, blue = (pixels[..., color].astype(np.uint16) * np.uint16(part) for color, part in enumerate(LUMINANCE))
+    shades: Array = ((red + green + blue) >> 8).astype(np.uint8)[..., None]
+    return shades
+
+
+def _sums(values: Array, few: int) -> Array:
+    """Return the sums of what each of `few` equal parts of the first axis covers, in 1 / few: int64 [few, …]."""
+    edges = np.arange(few + 1) * len(values)
+    whole, part = edges // few, (edges % few).reshape(-1, *[1] * (values.ndim - 1))
+    sums: Array = few * np.add.reduceat(values, whole[:-1], axis=0, dtype=np.int64)
+    sums[whole[:-1] == whole[1:]] = 0  # where an old value covers a new one, and `reduceat` returns it
+    cut = part * values[np.minimum(whole, len(values) - 1)].astype(np.int64)
+    sums += cut[1:] - cut[:-1]
+    return sums
