@@ -59,6 +59,7 @@ PROMISED = [
     "joybridge.gym.sb3",
     "joybridge.simulator",
     "joybridge.simulator.render",
+    "joybridge.simulator.canvas",
     "joybridge.simulator.sight",
     "joybridge.layouts",
     "joybridge.play.agent",

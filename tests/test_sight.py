@@ -6,7 +6,7 @@ import numpy as np
 import pygame
 import pytest
 
-from joybridge.games.marble.game import OBSERVATIONS, PIXELS, SIZE, Marble
+from joybridge.games.marble.game import OBSERVATIONS, PIXELS, Marble
 from joybridge.simulator.sight import BEYOND, fovea, shrink
 
 
@@ -66,4 +66,3 @@ def test_the_marble_is_in_the_middle_of_its_square():
         blue = square[:, :, 2] - square[:, :, 0] > 60
         rows, columns = np.nonzero(blue)
         assert abs(rows.mean() - PIXELS / 2) < 2 and abs(columns.mean() - PIXELS / 2) < 2
-    assert SIZE % PIXELS != 0  # so pixels are divided

@@ -3,6 +3,7 @@
 A continuous and a discrete action at once. The choices are masked: they depend on how far the string is drawn.
 """
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -25,6 +26,7 @@ from joybridge.simulator import (
     transition,
     truncation,
 )
+from joybridge.simulator.canvas import Canvas
 from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 120  # per episode, at most
@@ -37,13 +39,17 @@ DROP = 0.02  # how much an arrow's climb decreases per decision
 FASTEST = 0.06  # rise of a balloon per decision
 RADIUS = 0.09  # of a balloon of size 1; the sky is 1 high, and an arrow flies a distance of 1
 WIDTH, HEIGHT = 360, 240
+FAR, SKY = 250, 145  # how many pixels of the picture an arrow flies, and how high the sky is
+ROWS, COLUMNS = 32, 48  # of the image that an archer sees
+BACKGROUND = np.full((ROWS, COLUMNS, 3), (252, 214, 180), np.uint8)
+BACKGROUND[30:] = 118, 142, 96
 SENSORS = {
     "state": [
         sensor("bow", [3], 0, 1, "slope, string, arrows left"),
         sensor("arrow", [1], 0, 1, "fraction of its flight that is left; 0: no arrow in the air"),
         sensor("balloon", [2], 0, 1, "height, speed"),
     ],
-    "screen": [image("screen", 32, 48, "the whole sky", channels=3)],
+    "screen": [image("screen", ROWS, COLUMNS, "the whole sky", channels=3)],
 }
 
 
@@ -52,7 +58,7 @@ class Archer(Game):
 
     name = "archer"
     description = "Aim ahead of the balloons and loose the arrow in time: an axis, and choices that are masked."
-    version = "1"
+    version = "2"
     in_event_loop = True
     options = (
         option("observation", list(SENSORS), description="what the archer sees: numbers, or an image without speed"),
@@ -129,14 +135,32 @@ class Archer(Game):
 
     def _observe(self) -> Mapping[str, npt.ArrayLike]:
         if self.option["observation"] == "screen":
-            from joybridge.simulator.sight import shrink
-
-            return {"screen": shrink(self.draw(), *SENSORS["screen"][0].shape)}
+            return {"screen": self._paint()}
         return {
             "bow": [self.slope / STEEPEST, self.pulls / PULLS, self.arrows / ARROWS],
             "arrow": [self.flight / FLIGHT],
             "balloon": [self.balloon, self.rise / FASTEST],
         }
+
+    def _paint(self) -> Array:
+        """Return what the archer sees: the balloon, the arrows in the air and left, and the bow with its string."""
+        canvas = Canvas(BACKGROUND, left=-60, top=170, unit=WIDTH / COLUMNS)
+        canvas.disc((FAR, SKY * self.balloon), SKY * RADIUS * self.parameter["size"], (226, 62, 74))
+        if self.flight:
+            x, y = FAR * (1 - self.flight / FLIGHT), SKY * self.height
+            east, north = _direction(FAR / FLIGHT, SKY * self.climb)
+            canvas.line((x - 28 * east, y - 28 * north), (x + 6 * east, y + 6 * north), 5, (84, 62, 48))
+        canvas.box(-52, 140, -52 + 10 * self.arrows, 156, (84, 62, 48))
+        east, north = _direction(FAR, SKY * self.slope)
+        pull = 7 + 6 * self.pulls
+        nock = -pull * east, -pull * north
+        for side in (-31, 31):
+            end = -7 * east - side * north, -7 * north + side * east
+            canvas.line(nock, end, 3, (255, 255, 255))
+            canvas.line((4 * east, 4 * north), end, 8, (122, 78, 44))
+        if self.pulls:
+            canvas.line(nock, ((34 - pull) * east, (34 - pull) * north), 5, (58, 60, 70))
+        return canvas.pixels
 
     def draw(self) -> Array:
         """Return a picture: the archer, the string, the flying arrow, the balloon and the arrows that are left."""
@@ -161,18 +185,18 @@ class Archer(Game):
             shape(canvas, place, [(6, 0), (0, 4), (0, -4)], (58, 60, 70))
             shape(canvas, place, [(-32, 4), (-26, 2), (-26, -2), (-32, -4), (-28, 0)], (214, 68, 60))
 
-        balloon = frame.placed(250, 145 * self.balloon)
+        balloon = frame.placed(FAR, SKY * self.balloon)
         line(balloon, [(0, -15), (2, -26), (-1, -38)], 3, (120, 96, 90))
         shape(canvas, balloon, [(0, -12), (4, -20), (-4, -20)], (196, 44, 58))
-        disc(canvas, balloon.origin, FINE * (145 * RADIUS * self.parameter["size"] + 2), (226, 62, 74))
+        disc(canvas, balloon.origin, FINE * (SKY * RADIUS * self.parameter["size"] + 2), (226, 62, 74))
         disc(canvas, balloon.points([(-4, 5)])[0], 7, (252, 176, 172))
         if self.flight:
-            flown, turn = 1 - self.flight / FLIGHT, np.arctan2(145 * self.climb, 250 / FLIGHT)
-            arrow(frame.placed(250 * flown, 145 * self.height, turn=turn))
+            flown, turn = 1 - self.flight / FLIGHT, np.arctan2(SKY * self.climb, FAR / FLIGHT)
+            arrow(frame.placed(FAR * flown, SKY * self.height, turn=turn))
         for left in range(self.arrows):
             arrow(frame.placed(8 * left - 46, 156, turn=np.pi / 2))
 
-        turn, pull = np.arctan2(145 * self.slope, 250), 7 + 6 * self.pulls
+        turn, pull = np.arctan2(SKY * self.slope, FAR), 7 + 6 * self.pulls
         bow = frame.placed(0, 0, turn=turn)
         for foot in (-31, -18):
             line(frame, [(-23, -26), (foot, -57)], 12, (86, 66, 56))
@@ -189,3 +213,9 @@ class Archer(Game):
             arrow(bow.placed(28 - pull, 0))
         write(canvas, f"{self.hits} of {ARROWS - self.arrows}", 36, (236, 240, 222), WIDTH * FINE - 20, 460, align=1.0)
         return picture(canvas)
+
+
+def _direction(x: float, y: float) -> tuple[float, float]:
+    """Return a vector of length 1, without functions whose last bit differs between machines."""
+    length = math.sqrt(x * x + y * y)
+    return x / length, y / length

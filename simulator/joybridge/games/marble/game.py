@@ -22,6 +22,7 @@ from joybridge.simulator import (
     transition,
     truncation,
 )
+from joybridge.simulator.canvas import Canvas
 from joybridge.v1 import bridge_pb2 as pb
 
 DECISIONS = 120  # per episode
@@ -38,7 +39,8 @@ OBSERVATIONS = {
     "screen+fovea": ("screen", "fovea"),
     "all": ("state", "screen", "fovea"),
 }
-PIXELS, REACH = 48, 56  # width and height of images; pixels of the picture from the marble to the edge of the fovea
+PIXELS, REACH = 48, 0.5  # width and height of images; from the marble to the edge of the fovea
+BACKGROUND = np.full((PIXELS, PIXELS, 3), (60, 73, 93), np.uint8)
 SENSORS = {
     "state": [
         sensor("marble", [2], -1, 1, "x, y"),
@@ -55,7 +57,7 @@ class Marble(Game):
 
     name = "marble"
     description = "Tilt the board until the marble lies in the ring: two axes."
-    version = "1"
+    version = "2"
     in_event_loop = True
     options = (
         option(
@@ -111,17 +113,23 @@ class Marble(Game):
         wanted = OBSERVATIONS[self.option["observation"]]
         if "state" in wanted:
             seen |= {"marble": self.place, "speed": self.speed / FASTEST, "ring": self.ring - self.place}
-        if wanted == ("state",):
-            return seen
-        from joybridge.simulator.sight import fovea, shrink
-
-        picture = self.draw()
         if "screen" in wanted:
-            seen["screen"] = shrink(picture, PIXELS, PIXELS, 3)
+            seen["screen"] = self._paint(np.zeros(2), VIEW)
         if "fovea" in wanted:
-            x, y = SIZE / 2 + self.place * (SIZE / 2 / VIEW) * (1, -1)
-            seen["fovea"] = fovea(picture, x, y, REACH, PIXELS, 3)
+            seen["fovea"] = self._paint(self.place, REACH)
         return seen
+
+    def _paint(self, center: Array, reach: float) -> Array:
+        """Return a square of the board: its side that tilt shows, the ring and the marble."""
+        canvas = Canvas(BACKGROUND, left=center[0] - reach, top=center[1] + reach, unit=2 * reach / PIXELS)
+        side_x, side_y = -self.tilt * 15 / 160
+        canvas.box(side_x - 1.08, side_y - 1.08, side_x + 1.08, side_y + 1.08, (136, 92, 56))
+        canvas.box(-1.06, -1.06, 1.06, 1.06, (210, 168, 112))
+        canvas.disc(self.ring, RING, (246, 230, 186))
+        canvas.ring(self.ring, RING - 0.02, 0.04, (190, 60, 50))
+        canvas.disc(self.ring, 0.03, (190, 60, 50))
+        canvas.disc(self.place, MARBLE, (32, 84, 150))
+        return canvas.pixels
 
     def draw(self) -> Array:
         """Return a picture: the tilted board from above, with the ring and the marble."""

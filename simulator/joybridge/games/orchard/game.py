@@ -24,6 +24,7 @@ from joybridge.simulator import (
     transition,
     truncation,
 )
+from joybridge.simulator.canvas import Canvas
 from joybridge.v1 import bridge_pb2 as pb
 
 COLUMNS = 7
@@ -31,6 +32,10 @@ PAUSE = 3  # decisions between two apples, and the most columns between them: ev
 APPLES = 20  # per episode
 WASP_CHANCE = 0.3  # per decision in which no apple lands
 WIDTH, HEIGHT = 320, 240
+BACKGROUND = np.full((36, 48, 3), (186, 224, 234), np.uint8)  # of the image that a picker sees: the sky,
+BACKGROUND[8:30, 22:26] = 128, 94, 66  # the tree,
+BACKGROUND[:8] = 70, 138, 70
+BACKGROUND[30:] = 110, 160, 80  # and grass
 SENSORS = {
     "state": [
         sensor(
@@ -43,7 +48,7 @@ SENSORS = {
         sensor("fallen", [1], 0, 1, "fraction of its fall that the lower one has completed"),
         sensor("wasp", [1], 0, 1, "1 if a wasp attacks in the next decision"),
     ],
-    "screen": [image("screen", 36, 48, "the whole orchard", channels=3)],
+    "screen": [image("screen", *BACKGROUND.shape[:2], "the whole orchard", channels=3)],
 }
 
 
@@ -52,7 +57,7 @@ class Orchard(Game):
 
     name = "orchard"
     description = "Catch the apples and close the lid when a wasp comes: two branches at once."
-    version = "1"
+    version = "2"
     in_event_loop = True
     options = (option("observation", list(SENSORS), description="what the picker observes: numbers, or an image"),)
 
@@ -102,11 +107,23 @@ class Orchard(Game):
 
     def _observe(self) -> Mapping[str, npt.ArrayLike]:
         if self.option["observation"] == "screen":
-            from joybridge.simulator.sight import shrink
-
-            return {"screen": shrink(self.draw(), *SENSORS["screen"][0].shape)}
+            return {"screen": self._paint()}
         apples = [(apple - self.place) / (COLUMNS - 1) for apple in self.apples]
         return {"apples": apples, "fallen": [self.decisions % PAUSE / (PAUSE - 1)], "wasp": [float(self.wasp)]}
+
+    def _paint(self) -> Array:
+        """Return what the picker sees: two falling apples, the basket with its lid, and a wasp above it."""
+        canvas = Canvas(BACKGROUND, left=-24, top=40, unit=1)
+        x = 6 * (self.place - COLUMNS // 2)
+        for number, column in enumerate(self.apples, start=1):
+            left = number * PAUSE - self.decisions % PAUSE
+            canvas.disc((6 * (column - COLUMNS // 2), 10 + 4 * left), 1.4, (214, 52, 48))
+        canvas.box(x - 3, 6, x + 3, 10, (150, 100, 50))
+        lid = ((x - 3, 10), (x + 3, 10)) if self.shut else ((x - 3, 10), (x - 5, 15))
+        canvas.line(*lid, 1.2, (96, 56, 24))
+        if self.wasp:
+            canvas.disc((x, 15), 1.8, (250, 204, 56))
+        return canvas.pixels
 
     def draw(self) -> Array:
         """Return a picture: the tree, two falling apples, the basket with its lid, and a wasp above it."""
