@@ -215,7 +215,7 @@ def interrupt(*_):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--config", "archer/hybrid"], r"error: archer/hybrid is for archer, but .* shows hybrid; name another"),
+        (["--config", "archer/hybrid"], r"error: --config is for archer, but .* shows hybrid; name another one"),
         (
             ["--config", "{same}", "options.masks=on"],
             r"error: options.masks: got 'on', but .* shows .*'off'",

@@ -13,6 +13,8 @@ from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
+from joybridge.demonstrations.of_games import load_for_games
+from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.common_observation import common_sensors
@@ -232,6 +234,36 @@ def test_all_games_of_a_run_are_evaluated_or_only_one(run, simulator):
     assert played["player"]["means"]["accuracy"] > results["archer"]["player"]["means"]["accuracy"]
     wrong = joybridge("evaluate", str(run), "--only-game", "chess", "--simulator", simulator)
     assert "there is no game 'chess' among several; there are marble, archer" in wrong.errors
+
+
+def test_a_policy_clones_demonstrations_of_single_games(run, simulator, tmp_path):
+    demos, at = tmp_path / "demos", ("--simulator", simulator)
+    for game in ("archer", "marble"):
+        shown = ["evaluate", str(run), "--only-game", game, "--episodes", "3", "--demos", str(demos), *at]
+        assert joybridge(*shown).status == 0
+    lineup = make_lineup(simulator, make_config({"games": {"marble": {}, "archer": {}}}))
+    for demonstration, game in zip(load_for_games(sorted(demos.iterdir()), lineup), ("archer", "marble"), strict=True):
+        assert [*lineup.games][demonstration.kind] == game and demonstration.spec == lineup.spec
+        recorded = load_recorded(demonstration.path, lineup.specs[game])
+        for common, own in zip(demonstration.stretches, recorded.stretches, strict=True):
+            for (act,), (done,) in zip(common.acts, own.acts, strict=True):
+                back = lineup.translation(game).act(act)
+                np.testing.assert_allclose(back.axes, done.axes, atol=1e-6)
+                np.testing.assert_array_equal(back.choices, done.choices)
+    small = ["arenas=4", "total_timesteps=960", "log_interval=480", "policy.minibatch_size=64", *at]
+    clone = joybridge("train", str(TWO), "--run", str(tmp_path / "clone"), "--demos", str(demos), *small)
+    assert clone.status == 0, clone.errors
+    assert "archer: 3 episodes are demonstrated" in clone.output and "marble: " in clone.output
+    first, *_, last = read_rows(tmp_path / "clone" / "metrics-player.csv")
+    assert last["cloning_loss"] < first["cloning_loss"]
+    for wrong, message in (
+        (["clone", str(demos), "--config", str(TWO)], "clone a policy for all with `joybridge train"),
+        (
+            ["train", str(TWO), "--run", str(tmp_path / "other"), "games.archer=null", "--demos", str(demos), *at],
+            "is a demonstration of archer, expected one of marble",
+        ),
+    ):
+        assert message in joybridge(*wrong).errors
 
 
 def test_a_video_shows_all_games_side_by_side(run, simulator, tmp_path):

@@ -70,11 +70,17 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
 
 
 def _clone(options: argparse.Namespace) -> None:
-    recorded = _read(options.demos)
     if options.config:
         add_own_game(options, [options.config])
     overrides = [*options.overrides, *([f"layout={options.layout}"] if options.layout else [])]
-    config = _config(options.config, overrides, recorded, options.demos)
+    given = load_config(find_config(options.config), overrides) if options.config else None
+    if given and given.games:
+        raise ConfigError(
+            f"{options.config} is for several games, and clone learns one; clone a policy for all with "
+            f"`joybridge train {options.config} --demos {options.demos}`"
+        )
+    recorded = _read(options.demos)
+    config = _config(given, overrides, recorded, options.demos)
     run = options.run or Path("runs") / run_name(config, "clone", overrides)
     check_run(config, run, resume=False)
     with locked(run):
@@ -100,18 +106,17 @@ def _read(folder: Path) -> Recorded:
     return Recorded(first.start.game, dict(first.start.options), shown)
 
 
-def _config(file: str, overrides: Sequence[str], recorded: Recorded, folder: Path) -> Config:
+def _config(given: Config | None, overrides: Sequence[str], recorded: Recorded, folder: Path) -> Config:
     """Return the configuration of the new run. Raises ConfigError if it is for another game."""
     known = {"game": recorded.game, "options": recorded.options, "demonstrations": str(folder)}
-    if not file:
+    if given is None:
         return make_config(merge(known, read_overrides(overrides)))
-    config = load_config(find_config(file), overrides)
-    if config.game != recorded.game:
-        raise ConfigError(f"{file} is for {config.game}, but {folder} shows {recorded.game}; name another --config")
+    if given.game != recorded.game:
+        raise ConfigError(f"--config is for {given.game}, but {folder} shows {recorded.game}; name another one")
     for name, value in read_overrides(overrides).get("options", {}).items():
         if recorded.options.get(name) != value:
             raise ConfigError(f"options.{name}: got {value!r}, but {folder} shows {recorded.options}; leave it out")
-    return config.model_copy(update=known)
+    return given.model_copy(update=known)
 
 
 def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int) -> None:

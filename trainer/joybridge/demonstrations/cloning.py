@@ -13,6 +13,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
+from joybridge.demonstrations.of_games import load_for_games, remarks_on_games
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.demonstrations.returns import Demonstrated, discounted_returns
 from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
@@ -21,6 +22,7 @@ from joybridge.layouts.conditions import Conditions
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import FrameStack
+from joybridge.policy.lineup import Lineup
 from joybridge.policy.policy import Policy
 from joybridge.ppo.distributions import fill_masks
 from joybridge.ppo.memory import Sequences, cut
@@ -29,20 +31,22 @@ from joybridge.v1 import bridge_pb2 as pb
 
 
 def demonstrate(
-    policies: Sequence[Policy], config: Config, run: Path, spec: pb.GameSpec, *, resumed: bool
+    policies: Sequence[Policy], config: Config, run: Path, spec: pb.GameSpec, lineup: Lineup | None, *, resumed: bool
 ) -> Iterator[str]:
     """Give all policies what the demonstrations of a configuration show them; yield remarks.
 
-    Raises ConfigError if there is nothing to learn, RecordingError and StorageError.
+    lineup: of the games, if there are several. Raises ConfigError if there is nothing to learn, RecordingError and
+    StorageError.
     """
     if config.demonstrations is None:
         return
     files, remarks = chosen_demonstrations(Path(config.demonstrations), run, resumed=resumed)
     yield from remarks
-    shown = [load_demonstration(file, spec) for file in files]
+    shown = load_for_games(files, lineup) if lineup else [load_demonstration(file, spec) for file in files]
+    yield from remarks_on_games(shown, lineup) if lineup else ()
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
-        wanted = targets(policy.actor, shown, config)
+        wanted = targets(policy.actor, shown, config, lineup)
         policy.demonstrated = wanted.actions
         yield wanted.remark
     if all(policy.demonstrated is None for policy in policies):
@@ -57,8 +61,8 @@ class Targets(NamedTuple):
     unsaid: int = 0  # decisions that its layout cannot express, beside the actions
 
 
-def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Targets:
-    """Return what a policy clones. Raises ConfigError."""
+def targets(actor: Actor, shown: Sequence[Demonstration], config: Config, lineup: Lineup | None = None) -> Targets:
+    """Return what a policy clones. lineup: of the games, if there are several. Raises ConfigError."""
     if config.pointer == "velocity":
         raise ConfigError("pointer: demonstrations show places of the pointer, not movements; clone without `pointer`")
     if actor.config.scale_observations == "running":
@@ -68,7 +72,14 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Tar
         )
     numbered = number_pictures([part for demonstration in shown for part in demonstration.stretches], actor.behavior)
     begun = count()  # episodes
-    found = [part for stretch in numbered for part in _decisions(actor, stretch, begun)]
+    of_stretches = [demonstration.kind for demonstration in shown for _ in demonstration.stretches]
+    by_kind = [
+        (kind, part)
+        for kind, stretch in zip(of_stretches, numbered, strict=True)
+        for part in _decisions(actor, stretch, begun)
+    ]
+    kinds = np.repeat([kind for kind, _ in by_kind], [len(part.sources) for _, part in by_kind])
+    found = [part for _, part in by_kind]
     if not found:
         return Targets(None, f"{actor.name}: no decision of a finished episode is demonstrated")
     numbers, sources, episodes_of, returns, axes, choices = (
@@ -110,7 +121,7 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Tar
     pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[rows])
     seen = Observations(torch.from_numpy(numbers[rows]), pictures)
     masked = None if additions is None else torch.from_numpy(additions[rows])
-    conditions = Conditions(layout, device)
+    conditions = lineup.conditions(layout, kinds[rows]) if lineup else Conditions(layout, device)
     counts = torch.from_numpy(conditions.counts(choices[rows])) if conditions else None
     earned = torch.from_numpy(returns[rows])
     learned = Demonstrated(seen, own[0], own[1], masked, earned, counts=counts)

@@ -62,6 +62,7 @@ class Demonstration(NamedTuple):
     stretches: list[RecordedEpisodes]
     cut: int  # bytes of a record at the end that was not written to its end
     missing: int = 0  # steps that the file says it has
+    kind: int = 0  # which of several games it shows
 
     def episodes(self, behavior: int) -> tuple[int, int]:
         """Return how many episodes of a behavior are finished, and in how many more a decision was made."""

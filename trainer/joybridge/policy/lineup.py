@@ -48,6 +48,7 @@ class GameTranslation:
         widths = [len(branch.choices) for branch in common.device.branches]
         self._whole = [used.get(index) for index in range(len(widths))] == widths  # it uses all that there is
         self._metrics, self._columns = len(common.metrics), list(columns)
+        self._widths = len(common.device.axes), len(common.device.branches)
 
     def step(self, step: StepArrays) -> StepArrays:
         """Return a step of the game as one of the common spec."""
@@ -72,6 +73,14 @@ class GameTranslation:
         """Return what the game's device gets, from the actions of the common device."""
         axes = np.clip(self._middle + self._half * act.axes[:, self._axes], self._low, self._high)
         return ActArrays(axes, act.choices[:, self._branches])
+
+    def demonstrated(self, act: ActArrays) -> ActArrays:
+        """Return actions of the game's device as those of the common one; what the game lacks is at rest."""
+        axes = np.zeros((len(act.axes), self._widths[0]), np.float32)
+        choices = np.zeros((len(act.axes), self._widths[1]), np.int32)
+        axes[:, self._axes] = np.clip((act.axes - self._middle) / self._half, -1, 1)
+        choices[:, self._branches] = act.choices
+        return ActArrays(axes, choices)
 
     def _masks(self, masks: Sequence[Array] | None, lanes: int) -> list[Array] | None:
         """Return which choices of the common device a game allows: only the first of what it lacks."""

@@ -228,7 +228,7 @@ def open_training(
     except MemoryError as error:
         raise ConfigError(f"a rollout does not fit into memory: {error}; choose fewer policy.rollout_steps") from error
     rollout_stretches(policies)
-    for remark in demonstrate(policies, config, run, spec, resumed=state.timesteps > 0):
+    for remark in demonstrate(policies, config, run, spec, lineup, resumed=state.timesteps > 0):
         audience.say(remark)
     best_metric(config, policies[0])
     league = League(config, spec, group_bounds(config)) if config.opponents.shares else None
