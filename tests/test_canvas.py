@@ -52,6 +52,13 @@ def test_units_colors_and_backgrounds_are_those_that_were_given():
     assert (canvas.pixels == (1, 2, 3)).all()
 
 
+def test_a_wrong_background_or_color_is_refused():
+    with pytest.raises(ValueError, match=r"got float64 \[8, 8\], expected uint8 \[height, width, channels\]"):
+        Canvas(np.zeros((8, 8)), 0, 0, 1)
+    with pytest.raises(ValueError, match=r"got \(1, 2, 3\), expected a shade for each of 1 channels"):
+        blank().disc((1, 1), 1, (1, 2, 3))
+
+
 IMAGES = {  # of an episode of random play, which may change only with a reason
     Archer: "66ba19c8de0f1bb6",
     Orchard: "1c8aa32be67cbdf1",

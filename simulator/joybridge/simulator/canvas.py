@@ -14,6 +14,8 @@ floats before it use only operations that IEEE 754 defines exactly, so the image
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from joybridge.contract.tensors import Array
 from joybridge.simulator.compiled import compiled
 
@@ -23,7 +25,10 @@ Place = Sequence[float] | Array  # x, y
 
 
 class Canvas:
-    """An image that shapes are painted on, in units of the game, y up. What lies beyond it is cut off."""
+    """An image that shapes are painted on, in units of the game, y up. What lies beyond it is cut off.
+
+    A color is a shade for each channel, 0 to 255. Methods raise ValueError for other counts.
+    """
 
     pixels: Array  # uint8 [height, width, channels]
 
@@ -31,37 +36,43 @@ class Canvas:
         """Begin with a copy of a background, uint8 [height, width, channels], with 1 channel for gray or 3 for RGB.
 
         left, top: of the edges of the image, in units of the game. unit: how many of these a pixel is wide.
+        Raises ValueError for another background.
         """
+        if background.ndim != 3 or background.dtype != np.uint8:
+            raise ValueError(
+                f"background: got {background.dtype} {list(background.shape)}, expected uint8 [height, width, channels]"
+            )
         self.pixels = background.copy()
         self._left, self._top, self._unit = float(left), float(top), float(unit)
 
     def disc(self, center: Place, radius: float, color: Sequence[int]) -> None:
-        """Paint a disc. color: a shade for each channel."""
+        """Paint a disc."""
         self.line(center, center, 2 * radius, color)
 
     def ring(self, center: Place, radius: float, width: float, color: Sequence[int]) -> None:
         """Paint a circle whose line is `width` wide, half of it beyond the radius."""
         half = float(width) / 2 / self._unit
-        _paint_ring(self.pixels, *self._pixel(*center), float(radius) / self._unit, half, *_shades(color))
+        _paint_ring(self.pixels, *self._pixel(*center), float(radius) / self._unit, half, *self._shades(color))
 
     def line(self, begin: Place, end: Place, width: float, color: Sequence[int]) -> None:
         """Paint a line with round ends."""
         ends = *self._pixel(*begin), *self._pixel(*end)
-        _paint_line(self.pixels, *ends, float(width) / 2 / self._unit, *_shades(color))
+        _paint_line(self.pixels, *ends, float(width) / 2 / self._unit, *self._shades(color))
 
     def box(self, left: float, bottom: float, right: float, top: float, color: Sequence[int]) -> None:
         """Paint a box with upright edges."""
         corners = *self._pixel(left, top), *self._pixel(right, bottom)
-        _paint_box(self.pixels, *corners, *_shades(color))
+        _paint_box(self.pixels, *corners, *self._shades(color))
 
     def _pixel(self, x: float, y: float) -> tuple[float, float]:
         """Return the column and the row of a place; whole numbers are the middles of pixels."""
         return (float(x) - self._left) / self._unit - 0.5, (self._top - float(y)) / self._unit - 0.5
 
-
-def _shades(color: Sequence[int]) -> tuple[int, int, int]:
-    """Return three numbers whatever the channels, so that there is one machine code for all."""
-    return color[0], color[-2] if len(color) > 1 else 0, color[-1]
+    def _shades(self, color: Sequence[int]) -> tuple[int, int, int]:
+        """Return three numbers whatever the channels, so that there is one machine code for all."""
+        if len(color) != self.pixels.shape[2]:
+            raise ValueError(f"color: got {color}, expected a shade for each of {self.pixels.shape[2]} channels")
+        return color[0], color[-2] if len(color) > 1 else 0, color[-1]
 
 
 @compiled
