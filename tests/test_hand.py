@@ -130,6 +130,25 @@ def test_in_another_lesson_the_hand_is_as_late_as_that_says_from_the_next_decisi
     assert hands[0].state()["axes"].shape == (3, 2, 2)  # as many as the latest hand of all lessons keeps
 
 
+def test_the_hand_of_a_lane_that_waits_stays_as_it_is(tmp_path):
+    (late,) = make(tmp_path, "hand.delay=1", "hand.hold=2")
+    (moved,) = pointing("pointer=velocity")
+    got: list[list[float]] = []
+    for number in range(6):  # the first lane decides in every other step, the second one in all
+        value = np.full((2, 2), (number + 1) / 10, np.float32)
+        deciding = np.array([number % 2 == 0, True])
+        step = StepArrays([], np.zeros((2, 1), np.float32), np.zeros(2, bool), np.zeros(2, bool), deciding=deciding)
+        act = ActArrays(value, np.full((2, 2), number % 3 == 2, np.int32))
+        late.apply(step, act)
+        if number % 2 == 0:
+            got.append(act.axes[:, 0].tolist())
+        moved.apply(step, ActArrays(np.full((2, 3), [100, 0.5, -0.5], np.float32), np.zeros((2, 0), np.int32)))
+    np.testing.assert_allclose(
+        np.array(got), np.array([[0, 0], [0.1, 0.2], [0.3, 0.4]]), atol=1e-6
+    )  # its last choice, not of a wait
+    np.testing.assert_allclose(moved.state()["last_axes"][:, 0], [80, 100])
+
+
 def test_a_choice_is_held_for_some_decisions_unless_it_is_forbidden(tmp_path):
     chosen = [(REST, [grip, 0]) for grip in (1, 0, 0, 0, 1, 0, 1)]
     _, choices = play(make(tmp_path, "hand.hold=3"), chosen, ends={(5, 1)})

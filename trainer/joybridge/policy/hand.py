@@ -60,13 +60,17 @@ class Hand:
         self._most = np.clip(rest + limits.reach * (self._high - rest), self._low, self._high)
 
     def apply(self, step: StepArrays, act: ActArrays) -> None:
-        """Turn the actions that were chosen for a step into those that the device gets, in place."""
+        """Turn the actions that were chosen for a step into those that the device gets, in place.
+
+        The hand of a lane that waits stays as it is: nothing was chosen there, whatever the action says.
+        """
+        decides = step.decides[:, None]
         for queue, chosen in ((self._axes, act.axes), (self._choices, act.choices)):
-            queue[:-1] = queue[1:]
-            queue[-1] = chosen
+            queue[:-1] = np.where(decides, queue[1:], queue[:-1])
+            queue[-1] = np.where(decides, chosen, queue[-1])
         due = -1 - self.limits.delay
-        act.choices[:] = self._held(self._choices[due], step.masks)
-        act.axes[:] = self._moved(self._axes[due])
+        act.choices[:] = self._held(self._choices[due], step.masks, decides)
+        act.axes[:] = self._moved(self._axes[due], decides)
         self._decisions += 1
 
     def store(self, step: StepArrays) -> None:
@@ -79,18 +83,18 @@ class Hand:
         self._last.axes[lanes], self._last.choices[lanes] = self._rest.axes[lanes], self._rest.choices[lanes]
         self._kept[lanes] = self.limits.hold
 
-    def _held(self, wanted: Array, masks: Sequence[Array] | None) -> Array:
+    def _held(self, wanted: Array, masks: Sequence[Array] | None, decides: Array) -> Array:
         """Return the choices of the device: the last ones until they may change, or the first that are allowed."""
         last = self._last.choices
         choices = np.where(self._kept >= self.limits.hold, wanted, last)
         for branch, mask in enumerate(masks or ()):
             allowed = mask[np.arange(len(mask)), choices[:, branch]]
             choices[:, branch] = np.where(allowed, choices[:, branch], mask.argmax(axis=1))
-        self._kept = np.where(choices == last, self._kept + 1, 1)
-        last[:] = choices
+        self._kept = np.where(decides, np.where(choices == last, self._kept + 1, 1), self._kept)
+        last[:] = np.where(decides, choices, last)
         return choices
 
-    def _moved(self, wanted: Array) -> Array:
+    def _moved(self, wanted: Array, decides: Array) -> Array:
         """Return the axes of the device: within reach, not far from the last ones, and not exact.
 
         Where a policy moves the pointer, the middle of an axis is to stay, and its ends are full speed.
@@ -99,7 +103,8 @@ class Hand:
         last, change = self._last.axes, self.limits.change * (self._high - self._low)
         if self._moves.any():
             wanted = np.where(self._moves, last + 2 * self._speeds * (wanted - self._middle), wanted)
-        last[:] = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
+        moved = np.clip(np.clip(wanted, self._least, self._most), last - change, last + change)
+        last[:] = np.where(decides, moved, last)
         if not self.limits.noise:
             return last
         rng = np.random.Generator(np.random.Philox(key=self._key, counter=[0, int(self._decisions), 0, 0]))
