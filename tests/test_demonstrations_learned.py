@@ -12,7 +12,7 @@ import torch
 
 from joybridge.cli import main
 from joybridge.client.recording import load_recording
-from joybridge.config.config import Config
+from joybridge.config.config import Config, make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.config.policy_config import PolicyConfig
@@ -20,6 +20,7 @@ from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import Demonstration, RecordedEpisodes
+from joybridge.demonstrations.supervised import show
 from joybridge.layouts import list_roles, make_acts, make_layouts
 from joybridge.layouts.random_acts import press_at_random
 from joybridge.policy.actor import Actor
@@ -220,6 +221,32 @@ def test_a_folder_without_demonstrations_is_refused_before_a_simulator_is_waited
     errors = capsys.readouterr().err
     assert f"error: demonstrations: {tmp_path} holds no file *.demo, nor a dataset of Minari; record" in errors
     assert "waiting" not in errors
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_only_episodes_that_are_demonstrated_are_held_out_and_counted(seed):
+    """Of ten episodes four are demonstrated: others hold the seats of the rest."""
+    nothing, nowhere = np.zeros((10, 1), np.float32), np.zeros(10, bool)
+    first = StepArrays([nothing], nothing, nowhere, nowhere)
+    paid = np.arange(10, dtype=np.float32)[:, None]
+    last = replace(first, rewards=paid, terminated=~nowhere, ended=np.arange(10, dtype=np.int32))
+    last = replace(last, final_observations=[nothing], metrics=np.zeros((10, 0), np.float32))
+    act = ActArrays(np.full((10, 2), 0.5, np.float32), np.array([[0, 1, 1]] * 10, np.int32))
+    stretch = RecordedEpisodes([[first], [last]], [[act]], [[[1, 3, 4, 8]]])
+    (role,) = list_roles("hybrid", SPEC)
+    actor = Actor(role, SPEC.behaviors[0], SMALL, 0)
+    shown = show(actor, [Demonstration(Path("x.demo"), SPEC, [stretch], 0)], Config(game="any", seed=seed))
+    assert (len(shown.learned), shown.held_out and len(shown.held_out)) == (3, 1)
+    assert (
+        "3 decisions of 3 episodes are cloned; 1 decisions of 1 other is held out; an episode earned 4" in shown.remark
+    )
+
+
+def test_demonstrations_are_not_cloned_with_a_delay():
+    (role,) = list_roles("hybrid", SPEC)
+    late = make_config({"game": "any", "curriculum": [{"hand": {"delay": 2}}]})
+    with pytest.raises(ConfigError, match=r"hand.delay: demonstrations show what the device got"):
+        targets(Actor(role, SPEC.behaviors[0], SMALL, 0), [], late)
 
 
 def test_a_layout_that_can_say_nothing_is_named():

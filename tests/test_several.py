@@ -27,6 +27,7 @@ from joybridge.ppo.return_scale import ReturnScale
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.simulator import image, sensor
 from tests.support.command_line import joybridge
+from tests.support.demonstrated import record
 
 TWO = Path(__file__).parents[1] / "configs" / "several" / "two.yaml"
 
@@ -253,7 +254,7 @@ def test_a_policy_clones_demonstrations_of_single_games(run, simulator, tmp_path
     small = ["arenas=4", "total_timesteps=960", "log_interval=480", "policy.minibatch_size=64", *at]
     clone = joybridge("train", str(TWO), "--run", str(tmp_path / "clone"), "--demos", str(demos), *small)
     assert clone.status == 0, clone.errors
-    assert "archer: 3 episodes are demonstrated" in clone.output and "marble: " in clone.output
+    assert "of 6 episodes are cloned (3 of marble, 3 of archer)" in clone.output
     first, *_, last = read_rows(tmp_path / "clone" / "metrics-player.csv")
     assert last["cloning_loss"] < first["cloning_loss"]
     for wrong, message in (
@@ -264,6 +265,17 @@ def test_a_policy_clones_demonstrations_of_single_games(run, simulator, tmp_path
         ),
     ):
         assert message in joybridge(*wrong).errors
+
+
+def test_a_demonstration_is_of_the_game_with_its_options(simulator, tmp_path):
+    birds = {"game": "shooting_birds"}
+    levels = {name: birds | {"options": {"locomotion": "axes", "level": name[1:]}} for name in ("a1", "b6", "c3")}
+    lineup = make_lineup(simulator, make_config({"games": levels}))
+    for name, kind in (("b6", 1), ("c3", 2), ("a1", 0)):
+        file = record(tmp_path, simulator, "shooting_birds", 3, options=levels[name]["options"])
+        assert [one.kind for one in load_for_games([file], lineup)] == [kind]
+    other = record(tmp_path, simulator, "shooting_birds", 3, options={"locomotion": "axes", "level": "5"})
+    assert load_for_games([other], lineup)[0].kind == 0  # nothing but the levels differs
 
 
 def test_a_video_shows_all_games_side_by_side(run, simulator, tmp_path):

@@ -13,7 +13,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
-from joybridge.demonstrations.of_games import load_for_games, remarks_on_games
+from joybridge.demonstrations.of_games import load_for_games
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.demonstrations.returns import Demonstrated, discounted_returns
 from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
@@ -43,7 +43,6 @@ def demonstrate(
     files, remarks = chosen_demonstrations(Path(config.demonstrations), run, resumed=resumed)
     yield from remarks
     shown = load_for_games(files, lineup) if lineup else [load_demonstration(file, spec) for file in files]
-    yield from remarks_on_games(shown, lineup) if lineup else ()
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
         wanted = targets(policy.actor, shown, config, lineup)
@@ -65,6 +64,11 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config, lineup
     """Return what a policy clones. lineup: of the games, if there are several. Raises ConfigError."""
     if config.pointer == "velocity":
         raise ConfigError("pointer: demonstrations show places of the pointer, not movements; clone without `pointer`")
+    if any(hand.delay for hand in config.hands):
+        raise ConfigError(
+            "hand.delay: demonstrations show what the device got, so a policy that clones them would be late twice; "
+            "clone without `hand.delay`"
+        )
     if actor.config.scale_observations == "running":
         raise ConfigError(
             f"scale_observations: the moments of {actor.name} change in training, so demonstrations cannot be scaled "
@@ -99,8 +103,13 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config, lineup
     continuous, discrete = layout.read(act)
     device = shown[0].spec.behaviors[actor.behavior].device
     said, moved = _compare(layout, device, act, continuous, discrete, masks)
-    episodes = sum(demonstration.episodes(actor.behavior)[0] for demonstration in shown)
+    episodes = len(np.unique(episodes_of))
     remark = f"{actor.name}: {int(said.sum()):,} decisions of {episodes:,} episodes are cloned"
+    if lineup:
+        of_games = [len(np.unique(episodes_of[kinds == kind])) for kind in range(len(lineup.games))]
+        remark += (
+            f" ({', '.join(f'{number:,} of {game}' for number, game in zip(of_games, lineup.games, strict=True))})"
+        )
     if not said.any():
         raise ConfigError(
             f"demonstrations: {config.layout} can say none of the {len(said):,} decisions that are demonstrated to "

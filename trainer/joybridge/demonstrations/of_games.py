@@ -1,9 +1,9 @@
 """Demonstrations of single games as those of the common device, so that one policy clones a specialist of each game."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.recording import RecordingError
+from joybridge.client.recording import RecordingError, load_recording
 from joybridge.demonstrations.files import foreign_kind
 from joybridge.demonstrations.recorded import Demonstration, RecordedEpisodes, load_recorded
 from joybridge.policy.lineup import Lineup
@@ -14,27 +14,23 @@ def load_for_games(paths: Sequence[Path], lineup: Lineup) -> list[Demonstration]
     return [_translated(path, lineup) for path in paths]
 
 
-def remarks_on_games(shown: Sequence[Demonstration], lineup: Lineup) -> Iterator[str]:
-    """Yield a line for each game: how many episodes are demonstrated."""
-    for kind, game in enumerate(lineup.games):
-        episodes = sum(one.episodes(0)[0] for one in shown if one.kind == kind)
-        yield f"{game}: {episodes:,} episodes are demonstrated"
-
-
 def _translated(path: Path, lineup: Lineup) -> Demonstration:
-    """Return a file under the common spec of the games, as the first of them whose spec it fits."""
+    """Return a file under the common spec: as the game with the options of the recording, or else one that it fits."""
     if foreign := foreign_kind(path):
         raise RecordingError(f"{path} is {foreign}, which does not say what the game is; several games need to know it")
-    name = load_recorded(path, None).spec.name
+    recording = load_recording(path)
+    if recording.spec is None:
+        raise RecordingError(f"{path} holds a fault, expected a demonstration; move it elsewhere")
+    name, options = recording.spec.name, recording.start.options
     wrong = RecordingError(
         f"{path} is a demonstration of {name}, expected one of {', '.join(lineup.games)}; name another folder"
     )
-    for kind, (game, spec) in enumerate(lineup.specs.items()):
-        if spec.name != name:
-            continue
+    same = [game for game, spec in lineup.specs.items() if spec.name == name]
+    # A game may be there twice, with other options.
+    for game in sorted(same, key=lambda game: not lineup.has_options(game, options)):
         try:
-            recorded = load_recorded(path, spec)
-        except RecordingError as error:  # the same game may be there twice, with other options
+            recorded = load_recorded(path, lineup.specs[game])
+        except RecordingError as error:
             wrong = error
             continue
         translation = lineup.translation(game)
@@ -46,5 +42,5 @@ def _translated(path: Path, lineup: Lineup) -> Demonstration:
             )
             for part in recorded.stretches
         ]
-        return recorded._replace(spec=lineup.spec, stretches=stretches, kind=kind)
+        return recorded._replace(spec=lineup.spec, stretches=stretches, kind=[*lineup.games].index(game))
     raise wrong

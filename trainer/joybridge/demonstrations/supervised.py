@@ -55,8 +55,14 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
     """Return what demonstrations show to a policy, with one episode in HELD_OUT held out. Raises ConfigError."""
     spec = shown[0].spec
     episodes = [
-        episode for one in shown for part in one.stretches for episode in finished_episodes(part, actor.behavior)
+        episode
+        for one in shown
+        for part in one.stretches
+        for episode in finished_episodes(part, actor.behavior)
+        if episode.demonstrated.any()  # others play the rest, or it was discarded
     ]
+    if not episodes:
+        raise ConfigError(f"{actor.name}: no decision of a finished episode is demonstrated; record whole episodes")
     order = np.random.default_rng([config.seed, actor.behavior]).permutation(len(episodes)).tolist()
     count = max(1, len(episodes) // HELD_OUT) if len(episodes) > 1 else 0
     parts = [order[count:], order[:count]]
@@ -64,8 +70,7 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
         targets(actor, [_demonstration(shown[0], [episodes[i] for i in part], spec, actor.behavior)], config)
         for part in parts
     )
-    if learned.actions is None:
-        raise ConfigError(f"{learned.remark}; record whole episodes")
+    assert learned.actions is not None
     decisions = 0 if held_out.actions is None else len(held_out.actions)
     other = "other is" if count == 1 else "others are"
     earned = np.mean([float((episode.rewards @ actor.encoder.weights).sum()) for episode in episodes])

@@ -4,7 +4,7 @@ The common spec has one behavior, `player`, with the common sensors and the comm
 the weighted sum of the game's own, and the metrics of all games, each after the name of its game.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -107,6 +107,12 @@ class Lineup:
         yield from self.common.lines({name: spec.behaviors[0].device for name, spec in self.specs.items()})
         sensors = ", ".join(f"{sensor.name} {list(sensor.shape)}" for sensor in self.spec.behaviors[0].sensors)
         yield f"sees {sensors}"
+
+    def has_options(self, game: str, options: Mapping[str, str]) -> bool:
+        """Return whether a game is played with these options; those that are not named have their defaults."""
+        offered, played = self.specs[game].options, self.games[game].options
+        defaults = {one.name: one.default_choice for one in offered}
+        return {**defaults, **played} == {**defaults, **options}
 
     def spec_of(self, game: str) -> pb.GameSpec:
         """Return the common spec when only one game is played: with its clock, its picture and its own metrics."""
