@@ -85,7 +85,40 @@ def test_a_range_that_narrows_ends_there_where_it_ends_here():
     assert [clip_range(left) for left in (1.0, 0.5, 0.0)] == pytest.approx([0.2, 0.15, 0.1])
 
 
-@pytest.mark.parametrize("keys", [{"frame_stack": 3}, {"clip_vloss": True}, {"memory": {"kind": "gru"}}])
+def test_schedules_end_where_ours_do_when_the_run_stops_earlier():
+    falling = {"learning_rate": 2.5e-4, "learning_rate_schedule": "linear"}
+    config = Config(game="CartPole-v1", preset="sb3", total_timesteps=1000, stop_at=500, policy=falling)
+    rate = arguments_of(config, make_vec_env("CartPole-v1", 1))["learning_rate"]
+    assert [rate(left) for left in (1.0, 0.0)] == pytest.approx([2.5e-4, 1.25e-4])
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"hand": {"delay": 1}},
+        {"curriculum": [{"hand": {"delay": 1}}]},
+        {"pointer": "velocity"},
+        {"demonstrations": "demos"},
+        {"weights_from": "run"},
+    ],
+)
+def test_what_is_not_of_the_policy_and_has_no_argument_is_named(keys):
+    with pytest.raises(ConfigError, match=f"cannot be set to this {next(iter(keys))}; begin with preset=sb3"):
+        arguments_of(Config(game="CartPole-v1", preset="sb3", **keys), make_vec_env("CartPole-v1", 1))
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"frame_stack": 3},
+        {"clip_vloss": True},
+        {"memory": {"kind": "gru"}},
+        {"sensors": ["observation"]},
+        {"reward_weights": {"reward": 2.0}},
+        {"penalty_ramp": 100},
+        {"remember_acts": 2},
+    ],
+)
 def test_what_ppo_has_no_argument_for_is_named(keys):
     with pytest.raises(ConfigError, match=f"cannot be set to this {next(iter(keys))}; begin with preset=sb3"):
         arguments_of(Config(game="CartPole-v1", preset="sb3", policy=keys), make_vec_env("CartPole-v1", 1))

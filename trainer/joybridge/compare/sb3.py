@@ -26,12 +26,11 @@ from torch.optim import AdamW
 
 from joybridge.client.run_command import run_command
 from joybridge.compare.environments import is_registered
-from joybridge.config.config import Config, dump_config, load_config
+from joybridge.config.config import Config, HandConfig, dump_config, load_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.metrics import HELD_OUT, Cells, Row, cells_of, write_cells
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.config.policy_config import PolicyConfig
 from joybridge.ppo.schedule import anneal
 from joybridge.ppo.threads import use_one_thread
 from joybridge.run.origin import keep_origin
@@ -93,6 +92,15 @@ def check_config(config: Config) -> None:
         )
     fits = {
         "policies": not config.policies,
+        "curriculum": not config.curriculum,
+        "hand": config.hand == HandConfig(),
+        "pointer": config.pointer != "velocity",
+        "demonstrations": config.demonstrations is None,
+        "weights_from": config.weights_from is None,
+        "sensors": policy.sensors is None,
+        "reward_weights": not policy.reward_weights,
+        "penalty_ramp": not policy.penalty_ramp,
+        "remember_acts": not policy.remember_acts,
         "frame_stack": policy.frame_stack == 1,
         "time_horizon": policy.time_horizon >= policy.rollout_steps,
         "memory": policy.memory.kind == "none",
@@ -140,8 +148,8 @@ def arguments_of(config: Config, env: VecEnv) -> dict[str, Any]:
         "n_steps": policy.rollout_steps,
         "batch_size": policy.minibatch_size,
         "n_epochs": policy.epochs,
-        "learning_rate": _schedule(policy, "learning_rate"),
-        "clip_range": _schedule(policy, "clip_range"),
+        "learning_rate": _schedule(config, "learning_rate"),
+        "clip_range": _schedule(config, "clip_range"),
         "ent_coef": entropy_coef,
         "vf_coef": policy.vf_coef,
         "gamma": policy.gamma,
@@ -207,11 +215,15 @@ def _summary(episodes: Sequence[tuple[float, float]]) -> Row:
     return {"episodes": len(rewards), "reward": mean(rewards), "reward_std": pstdev(rewards), "length": mean(lengths)}
 
 
-def _schedule(policy: PolicyConfig, name: str) -> float | Callable[[float], float]:
-    """Return a coefficient: a number if it is constant, or what gives its value here for the share that is left."""
+def _schedule(config: Config, name: str) -> float | Callable[[float], float]:
+    """Return a coefficient: a number if it is constant, or what gives its value here for the share that is left.
+
+    That is the share of what is trained, which `stop_at` may end before the schedules end.
+    """
+    policy, trained = config.policy, config.end / config.total_timesteps
     if getattr(policy, f"{name}_schedule") == "constant":
         return float(getattr(policy, name))
-    return lambda left: float(getattr(anneal(1.0 - left, policy), name))
+    return lambda left: float(getattr(anneal(trained * (1.0 - left), policy), name))
 
 
 def _environments(environment: str, number: int, seed: int) -> VecEnv:
