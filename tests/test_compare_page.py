@@ -66,6 +66,15 @@ def test_a_score_weighs_rows_by_their_episodes_and_takes_the_last_one_that_has_s
     assert (run.score, run.ended, run.points[-1].timesteps) == (1.0, 5, 17 * 104)
 
 
+def test_a_measure_at_the_end_is_a_score_also_where_no_episode_ended_in_training():
+    rows = [{"timesteps": 100.0, "seconds": 1.0}, {"timesteps": 200.0, "seconds": 2.0, "held_out_reward": 5.0}]
+    rows[-1]["held_out_episodes"] = 30.0
+    run = score_run(rows, "x", 0, "held_out_reward")
+    assert (run.score, run.end, run.seconds, run.episodes) == (5.0, 200, 2.0, 30)
+    with pytest.raises(ConfigError, match=r"no episode ended; lengthen the runs, or let them end with an evaluation"):
+        score_run(rows, "x", 0, "reward")
+
+
 def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path):
     path = tmp_path / "run-s0.csv"
 

@@ -113,13 +113,13 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
     """Return a run from its rows of metrics. Raises CheckpointError and ConfigError, which name the source.
 
     A metric that was only measured at the end, by `evaluate_during`, is the score, and the points are those of the same
-    metric in training.
+    metric in training, if an episode ended there.
     """
     values = [row[metric] for row in rows if metric in row]
-    held_out = metric.startswith(HELD_OUT)
+    held_out, in_training = metric.startswith(HELD_OUT), metric.removeprefix(HELD_OUT)
     episodes = next((int(row[EPISODES]) for row in reversed(rows) if EPISODES in row), 0) if held_out else 0
-    if held_out and len(values) == 1 and metric in rows[-1]:
-        trained = score_run(rows, source, seed, metric.removeprefix(HELD_OUT))
+    if held_out and len(values) == 1 and metric in rows[-1] and any(in_training in row for row in rows):
+        trained = score_run(rows, source, seed, in_training)
         found = _finite(values[0], f"{metric} is {values[0]} at the end", source)
         return replace(trained, measured=found, episodes=episodes)
     begins = [0, *(int(row["timesteps"]) for row in rows)]
@@ -138,7 +138,10 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         _finite(point.value, f"{metric} is {point.value} after {point.timesteps:,} timesteps", source)
     if not points:
         known = sorted({name for row in rows for name in row} - {"timesteps", "seconds"})
-        why = "no episode ended; lengthen the runs" if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
+        lengthen = (
+            "no episode ended; lengthen the runs, or let them end with an evaluation, evaluate_during.episodes=30"
+        )
+        why = lengthen if metric == "reward" else f"it has {', '.join(known) or 'no rows'}"
         raise ConfigError(f"{source} has no {metric}: {why}")
     return Run(seed, points, begins[-1], episodes=episodes)
 

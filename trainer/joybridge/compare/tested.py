@@ -23,7 +23,7 @@ from joybridge.contract.argument_types import Once, at_least
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import minutes_left, say
 from joybridge.run.checkpoint import checkpoints
-from joybridge.run.folder import check_playable
+from joybridge.run.folder import check_playable, run_spec
 from joybridge.v1 import bridge_pb2 as pb
 
 EPISODES = 210  # as many as `evaluate` plays
@@ -130,6 +130,9 @@ def test_runs(
                 done += 1
                 if job in failed:
                     continue
+                if longer := _trained_longer(job):
+                    failed[job] = longer
+                    continue
                 test = PlayedTest(
                     settings, options.episodes, options.deterministic, SEED, _newest(job.run), played_with
                 )
@@ -169,6 +172,25 @@ def _play(run: Path, test: PlayedTest, address: str) -> dict[str, Reached]:
     plays = PlaySpec(run, address, test.seed, test.deterministic, test.settings)
     found = evaluate(plays, episodes=test.episodes, say=lambda _: None)
     return {name: Reached(each.episodes, each.means) for name, each in found.items()}
+
+
+def _trained_longer(job: Job) -> str:
+    """Return why the newest policy of a run is not the one of the page, "" if it is.
+
+    A run may have gone on, with another `stop_at`. The page takes its rows until the end that is compared.
+    """
+    config, newest = load_config(job.config, job.settings()), _newest(job.run)
+    if newest <= config.end:
+        return ""
+    agents = sum(behavior.agents_per_arena for behavior in run_spec(job.run).behaviors)
+    policies = [config.policy_config(name) for name in config.policies] or [config.policy]
+    cycle = config.arenas * agents * max(policy.rollout_steps for policy in policies)
+    if newest < config.end + cycle:
+        return ""
+    return (
+        f"its newest policy has trained for {newest:,} timesteps, and {config.end:,} are compared; give these settings "
+        "another --output"
+    )
 
 
 def _newest(run: Path) -> int:
