@@ -10,11 +10,13 @@ from typing import cast
 import av
 import numpy as np
 import pytest
+from scipy.stats import ttest_1samp
 
 from joybridge.cli import main
 from joybridge.client.simulator_source import FILE, SimulatorSource, last_simulators, remember
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
+from joybridge.play.evaluate import _half_widths
 from joybridge.play.sweep import Results, plot, read_sweep
 from joybridge.run.train import train
 from tests.support.games import PLACES
@@ -238,3 +240,17 @@ def test_a_damaged_memory_of_simulators_is_named(run, capsys):
     assert main(["evaluate", str(run)]) == 1
     assert f"{run / FILE} cannot be read" in capsys.readouterr().err
     (run / FILE).unlink()
+
+
+def test_intervals_are_those_of_the_t_distribution():
+    rng = np.random.default_rng(0)
+    group = rng.normal(size=(5, 2))
+    (low, high) = ttest_1samp(group, 0).confidence_interval()
+    np.testing.assert_allclose(_half_widths([group]), (high - low) / 2)
+    held = 0
+    for _ in range(400):  # two choices that differ in how much they vary and in their episodes
+        groups = [rng.normal(1, 3, (4, 1)), rng.normal(2, 1, (3, 1))]
+        held += abs(np.mean([group.mean() for group in groups]) - 1.5) <= _half_widths(groups)[0]
+    assert 0.92 < held / 400 < 0.98
+    assert np.isnan(_half_widths([group, group[:1]])).all()
+    assert (_half_widths([np.ones((3, 2))]) == 0).all()

@@ -18,7 +18,7 @@ from joybridge.play.text_table import aligned
 from joybridge.policy.episodes import Episodes, equal_shares
 from joybridge.progress import Progress
 
-CONFIDENCE = 1.96  # standard errors in a 95 % interval
+CONFIDENCE = 0.95  # of intervals
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,10 @@ def evaluate(
             if inputs
         ]
         tables = _play(play, equal_shares(episodes, play.arenas, len(play.choices)), say, measured)
+    if unseated := [name for name, table in tables.items() if not len(table.finished)]:
+        raise ConfigError(
+            f"in {episodes} episodes, others have held all seats of {', '.join(unseated)}; play more, with --episodes"
+        )
     results = {index: measures.result() for index, measures in measured}
     return {
         player.actor.name: replace(
@@ -107,20 +111,35 @@ def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, 
     choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
     groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
     means = np.mean([group.mean(axis=0) for group in groups], axis=0)
-    variances = [group.var(axis=0, ddof=1) / len(group) if len(group) > 1 else np.nan * group[0] for group in groups]
-    errors = CONFIDENCE * np.sqrt(np.sum(variances, axis=0)) / len(groups)
     names = ["reward", "length", *table.metrics]
     return Evaluation(
         timesteps=play.timesteps,
         episodes=len(table.finished),
         means=dict(zip(names, means.tolist(), strict=True)),
-        half_widths=dict(zip(names, errors.tolist(), strict=True)),
+        half_widths=dict(zip(names, _half_widths(groups).tolist(), strict=True)),
         returns=table.finished[:, 1].tolist(),
         by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
         changed=play.changed,
         behavior=play.spec.behaviors[behavior].name,
         inputs=inputs.get(behavior),
     )
+
+
+def _half_widths(groups: Sequence[Array]) -> Array:
+    """Return half-widths of the intervals of the mean over groups of their means, by the t distribution.
+
+    groups: rows of results. The degrees of freedom are those of Welch and Satterthwaite. NaN where a group has one row.
+    """
+    from scipy.stats import t  # which takes a third of a second, and a command may end before
+
+    if min(map(len, groups)) < 2:
+        return np.full(groups[0].shape[1], np.nan)
+    variances = np.array([group.var(axis=0, ddof=1) / len(group) for group in groups])
+    whole = variances.sum(axis=0)
+    squares = sum(part**2 / (len(group) - 1) for part, group in zip(variances, groups, strict=True))
+    freedom = np.divide(whole**2, squares, out=np.ones_like(whole), where=squares > 0)
+    half_widths: Array = t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(whole) / len(groups)
+    return half_widths
 
 
 def summary(evaluations: Mapping[str, Evaluation]) -> str:
