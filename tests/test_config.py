@@ -29,6 +29,17 @@ def test_every_file_loads_and_its_dump_is_the_same_configuration(path, tmp_path)
     assert load_config(write(tmp_path, dump_config(config))) == config
 
 
+def test_a_distribution_is_replaced_as_a_whole_wherever_it_is(tmp_path):
+    drawn = "{size: {uniform: [1, 2]}}"
+    path = write(tmp_path, f"game: g\nparameters: {drawn}\nevaluate_during: {{parameters: {drawn}}}\n")
+    for key in ("parameters", "evaluate_during.parameters"):
+        config = load_config(path, [f"{key}.size={{choice: [3]}}"])
+        part = config if key == "parameters" else config.evaluate_during
+        assert part is not None and part.parameters == {"size": {"choice": [3.0]}}
+    assert load_config(path, ["parameters.size={uniform: [0, 1]}"]).parameters == {"size": {"uniform": [0.0, 1.0]}}
+    assert load_config(path, ["parameters.other=1"]).parameters.keys() == {"size", "other"}
+
+
 def test_items_of_a_list_have_numbers(tmp_path):
     lesson = "{parameters: {size: 2}, until: {metric: hits, above: 3, episodes: 50}}"
     path = write(tmp_path, f"game: g\npolicy: {{hidden_sizes: [8, 4]}}\ncurriculum: [{lesson}, {{parameters: {{}}}}]")

@@ -264,9 +264,6 @@ def load_config(path: Path, overrides: Sequence[str] = (), behavior: str = "") -
     over = merge(preset_of(over), over)
     if behavior:
         data = load("joybridge.configurations", "mlagents")(data, behavior, over.get("arenas"))
-    given = data.get("parameters")
-    if isinstance(given, dict) and isinstance(over.get("parameters"), dict):  # a distribution is replaced as a whole
-        data = {**data, "parameters": {name: given[name] for name in given if name not in over["parameters"]}}
     return make_config(merge(data, over))
 
 

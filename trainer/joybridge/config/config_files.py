@@ -19,6 +19,7 @@ from ruamel.yaml.error import YAMLError
 from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, ScalarEvent
 
 from joybridge.config.errors import ConfigError
+from joybridge.config.game_settings import KINDS
 from joybridge.config.presets import preset_of
 from joybridge.contract.files import read_file
 
@@ -171,7 +172,8 @@ def dump_yaml(data: dict[str, Any]) -> str:
 def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Return `base` with `over` laid on top; mappings are merged, everything else is replaced.
 
-    A mapping on top of a list, {"0": …}, replaces or merges its items by their numbers.
+    A mapping on top of a list, {"0": …}, replaces or merges its items by their numbers. A distribution, such as
+    {"uniform": […]}, is replaced as a whole.
     """
     return {**base, **{key: _laid(base.get(key), value) for key, value in over.items()}}
 
@@ -179,7 +181,7 @@ def merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 def _laid(base: Any, over: Any) -> Any:
     """Return a value that is laid on top of another, as `merge` does."""
     if isinstance(base, dict) and isinstance(over, dict):
-        return merge(base, over)
+        return over if {*KINDS}.issuperset(base) and base and {*KINDS}.issuperset(over) else merge(base, over)
     if isinstance(base, list) and isinstance(over, dict) and over:
         items = {str(number): item for number, item in enumerate(base)}
         if over.keys() <= items.keys():
