@@ -21,6 +21,7 @@ FRAMES = [  # texts of frames, and what is proposed
         [(r"^Popped (-?\d+)", 0, 0), (r"^Popped -?\d+ *Lost (-?\d+)", 3, 4)],
     ),
     ([["Player 1: 5"], ["Player 1: 6"]], [(r"^Player 1: (-?\d+)", 5, 6)]),
+    ([["A: 1\nB: 2"], ["A: 3\nB: 2"]], [(r"^A: (-?\d+)", 1, 3), (r"^A: -?\d+\s+B: (-?\d+)", 2, 2)]),
     ([["All 3 rights reserved by the author"]], []),
     ([["no number"], [" ".join("12345"[: MAX_NUMBERS + 1])]], []),
 ]

@@ -15,6 +15,7 @@ from joybridge.adapters.pygame_programs.remembered import recall_or_play
 from joybridge.adapters.pygame_programs.settings import read_pygame_settings
 from joybridge.adapters.pygame_programs.wire import OWN_FOLDER
 from joybridge.adapters.settings import AdapterError
+from joybridge.contract.limits import MAX_DESCRIPTION
 from joybridge.contract.text import printable
 from joybridge.simulator.batched_game import BatchedGame
 
@@ -48,7 +49,7 @@ def adapt(text: str) -> type[BatchedGame]:
         processes = WindowProcess(settings)
     members = {
         "name": settings.name,
-        "description": f"{text}, a program written with pygame.{note}",
+        "description": _cut(printable(f"{text}, a program written with pygame.{note}")),
         "options": options_of(look),
         "settings": settings,
         "look": look,
@@ -60,6 +61,11 @@ def adapt(text: str) -> type[BatchedGame]:
     }
     game: Any = type("AdaptedGame", (PygameGame,), members)
     return game  # type: ignore[no-any-return]
+
+
+def _cut(text: str) -> str:
+    """Return a text that is no longer than a description may be."""
+    return text if len(text) <= MAX_DESCRIPTION else f"{text[: MAX_DESCRIPTION - 1]}…"
 
 
 def _list(names: Iterable[str]) -> str:

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
@@ -27,6 +28,7 @@ from joybridge.simulator.workers.link import Link
 
 MODULE = "joybridge.adapters.pygame_programs.inside"
 FORK_SECONDS = 30.0  # until a forked process connects; on a busy machine it waits for its turn
+ALIVE_SECONDS = 0.5  # between two looks at whether a process that has not connected is still there
 END_SECONDS = 10.0  # until a process has ended whose link is closed
 MAX_TEXT_CHARS = 600  # characters of what a program says of itself
 MAX_BRANCHES = 256  # stems of snapshots that are kept; those not used for longest end first
@@ -89,7 +91,8 @@ class ProgramProcesses:
                     asked = f"no frame in {seconds:g} s{place}: it has to draw and ask for input"
                     raise AdapterError(f"{asked}; start={3 * seconds:g} allows it more") from error
                 fate = _signal_name(-status) if status < 0 else f"status {status}"
-                raise AdapterError(f"the process has ended with {fate}{place}") from ProgramFault(stack)
+                above = "" if place else "; its error is above"
+                raise AdapterError(f"the process has ended with {fate}{place}{above}") from ProgramFault(stack)
             shown: dict[str, Any] = json.loads(message)
             if kind != FIRST:
                 self._forget(players=True)
@@ -196,10 +199,15 @@ class ProgramProcesses:
 
     def _accept(self, number: int, seconds: float) -> Link:
         """Return the link of a process. Raises GameError if it does not connect."""
+        limit = time.monotonic() + seconds
         while number not in self._came:
-            ready, _, _ = select([self._door], [], [], seconds)
+            ready, _, _ = select([self._door], [], [], ALIVE_SECONDS)
             if not ready:
-                raise GameError(f"a process of the program did not connect in {seconds:g} s")
+                if number == 0 and self._process is not None and self._process.poll() is not None:
+                    raise GameError("it has ended before it connected")
+                if time.monotonic() > limit:
+                    raise GameError(f"a process of the program did not connect in {seconds:g} s")
+                continue
             link = Link(self._door.accept()[0])
             _, hello = link.receive(seconds)
             self._came[json.loads(hello)] = link

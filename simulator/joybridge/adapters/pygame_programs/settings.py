@@ -56,7 +56,7 @@ class PygameSettings:
     def inside(self) -> dict[str, object]:
         """Return what the process of the program needs to know."""
         return {
-            "place": str(Path(self.place).resolve()) if self.place.endswith(".py") else self.place,
+            "place": str(Path(self.place).resolve()) if Path(self.place).is_file() else self.place,
             "arguments": self.arguments,
             "rewards": self.rewards,
             "done": self.done,
@@ -123,5 +123,4 @@ def _channel(source: str, known: dict[str, str]) -> str:
         name = place.rpartition(".")[2]
     else:
         name = next(iter(re.findall(r"[A-Za-z]{2,}", nth_text(source)[1])), "reward").lower()
-    number = sum(re.fullmatch(rf"{re.escape(name)}(_\d+)?", one) is not None for one in known)
-    return f"{name}_{number + 1}" if number else name
+    return next(one for one in [name, *(f"{name}_{number}" for number in range(2, len(known) + 3))] if one not in known)

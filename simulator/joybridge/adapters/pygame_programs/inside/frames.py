@@ -4,6 +4,7 @@ A frame ends when the program shows what it has drawn; when it waits and has sho
 when it asks for events a second time, as programs do that draw only on change.
 """
 
+import asyncio
 import threading
 import time
 from collections.abc import Callable
@@ -120,6 +121,15 @@ class Frames:
         def sleep(seconds: float) -> None:
             self.wait(round(seconds * SECOND))
 
+        real_sleep = asyncio.sleep
+
+        async def sleep_task(delay: float, result: Any = None) -> Any:
+            if delay > 0:
+                sleep(delay)  # time passes for all tasks
+            await real_sleep(0)
+            return result
+
+        asyncio.sleep = sleep_task
         pygame.time.Clock = FrameClock
         pygame.time.wait = pygame.time.delay = wait
         time.sleep = sleep

@@ -1,6 +1,7 @@
 """A virtual pointer and keyboard in the place of the real ones: events and polled states alike."""
 
 from collections.abc import Callable, Collection
+from functools import partial
 from typing import Any
 
 import pygame
@@ -11,6 +12,7 @@ from joybridge.adapters.pygame_programs.inside.frames import Frames
 BUTTONS = {"left": 1, "middle": 2, "right": 3}  # of the mouse, by pygame's numbers
 KEYS = {name[2:]: getattr(pygame, name) for name in dir(pygame) if name.startswith("K_")}
 SCANCODES = 512  # of the states that get_pressed returns
+JUST = {"get_just_pressed": True, "get_just_released": False}  # functions of pygame-ce
 MODIFIERS = {
     pygame.K_LSHIFT: pygame.KMOD_LSHIFT,
     pygame.K_RSHIFT: pygame.KMOD_RSHIFT,
@@ -38,6 +40,7 @@ class Hands:
         self.keys: set[int] = set()
         self._moved = (0, 0)  # since the program last asked
         self._visible = True
+        self._changes: dict[tuple[str, int, bool], int] = {}  # of keys and buttons, pressed or released: in which frame
         self._repeat = (0, 0)  # delay and interval of held keys, in nanoseconds
         self._repeats: dict[int, int] = {}  # by key: when it is due
         self._mods = 0
@@ -52,6 +55,7 @@ class Hands:
         for button in sorted(self.buttons.symmetric_difference(buttons)):
             down = button in buttons
             self.buttons = self.buttons | {button} if down else self.buttons - {button}
+            self._changes["mouse", button, down] = self._frames.count
             kind = pygame.MOUSEBUTTONDOWN if down else pygame.MOUSEBUTTONUP
             self._post(kind, pos=self.position, button=button, touch=False)
 
@@ -78,6 +82,7 @@ class Hands:
     def press_keys(self, keys: Collection[int]) -> None:
         """Hold exactly these keys."""
         for key in sorted(self.keys.symmetric_difference(keys)):
+            self._changes["key", key, key in keys] = self._frames.count
             if key in keys:
                 self.keys = self.keys | {key}
                 self._mods |= MODIFIERS.get(key, 0)
@@ -118,6 +123,18 @@ class Hands:
     def _button_states(self, count: int) -> tuple[bool, ...]:
         return tuple(button in self.buttons for button in range(1, count + 1))
 
+    def _key_states(self, keys: Collection[int]) -> Any:
+        held = [False] * SCANCODES
+        for key in keys:
+            held[SCAN_OF_KEY.get(key, 0)] = True
+        return self.states_shown(held)
+
+    def _changed(self, kind: str, *, down: bool) -> set[int]:
+        """Return which keys or buttons have been pressed, or released, at the end of the last frame."""
+        self._frames.asked = True
+        now = self._frames.count
+        return {part for (what, part, pressed), at in self._changes.items() if (what, pressed, at) == (kind, down, now)}
+
     def _replace_mouse(self) -> None:
         mouse = pygame.mouse
 
@@ -147,14 +164,18 @@ class Hands:
         mouse.get_focused = lambda: True
         for name in ("set_cursor", "set_system_cursor"):
             setattr(mouse, name, lambda *_: None)
+        for name, down in JUST.items():
+            if hasattr(mouse, name):
+                setattr(mouse, name, partial(self._just_buttons, down=down))
+
+    def _just_buttons(self, *, down: bool) -> tuple[bool, ...]:
+        changed = self._changed("mouse", down=down)
+        return tuple(button in changed for button in range(1, 4))
 
     def _replace_keys(self) -> None:
         def get_pressed() -> Any:
             self._frames.asked = True
-            held = [False] * SCANCODES
-            for key in self.keys:
-                held[SCAN_OF_KEY.get(key, 0)] = True
-            return self.states_shown(held)
+            return self._key_states(self.keys)
 
         def set_repeat(delay: int = 0, interval: int = 0) -> None:
             self._repeat = (int(delay) * MILLISECOND, int(interval or delay) * MILLISECOND)
@@ -167,6 +188,9 @@ class Hands:
             setattr(pygame.key, function.__name__, function)
         pygame.key.get_mods = lambda: self._mods
         pygame.key.get_focused = lambda: True
+        for name, down in JUST.items():
+            if hasattr(pygame.key, name):
+                setattr(pygame.key, name, lambda down=down: self._key_states(self._changed("key", down=down)))
         pygame.key.get_repeat = lambda: (self._repeat[0] // MILLISECOND, self._repeat[1] // MILLISECOND)
 
 

@@ -109,6 +109,7 @@ class _Text:
 
     def _literal(self, word: str) -> str:
         word = re.sub(r"([\\.^$*+?{}\[\]|()])", r"\\\1", word)
+        word = re.sub(r"\s*[^\S ]\s*", r"\\s+", word)  # tabs and new lines, which a command line has no place for
         return re.sub(r"\s+" if self._padded else r"\s{2,}", " *", word)
 
     def _sign(self, place: int) -> str:

@@ -44,7 +44,7 @@ class Player:
     """The program as the server sees it: first a stem, from which players are forked."""
 
     stage: Stage  # which calls on_frame
-    root: Path  # see Program
+    root: Path | None = None  # see Program; none before it is found
 
     def __init__(self, link: Link) -> None:
         """link: of the first process."""
@@ -136,6 +136,8 @@ class Player:
         if len(threads := threading.enumerate()) > 1:
             names = ", ".join(thread.name for thread in threads[1:])
             self.fail(f"the program has started threads ({names}), which no copy of it would have")
+        if self.root is None:
+            self.fail("importing its package already runs the program, which cannot be looked up; name its FILE")
         controls, stick = scan(self.root)._asdict(), self.stage.joysticks.plugged
         return {
             "size": self.stage.size(),

@@ -8,6 +8,7 @@ A hook is a Python file with any of these functions; each is given the program's
     metrics(program)  at the end of an episode: a dictionary of numbers
 """
 
+import math
 import re
 import runpy
 import sys
@@ -96,14 +97,20 @@ class Score:
         return earned
 
     def state(self) -> Array:
-        """Return the numbers of the sensor "state", float32."""
-        return np.array(self._call("state", []), np.float32).ravel()
+        """Return the numbers of the sensor "state", float32. Raises ValueError for other counts than at first."""
+        state: Array = np.array(self._call("state", []), np.float32).ravel()
+        if len(state) != self._sizes.setdefault("state", len(state)):
+            raise ValueError(f"the hook's state has {len(state)} numbers, at first it had {self._sizes['state']}")
+        if not np.isfinite(state).all():
+            raise ValueError(f"the hook's state has {state[~np.isfinite(state)][0]}, expected finite numbers")
+        return state
 
     def metrics(self) -> list[float]:
         """Return the values of the hook's metrics, and of several channels what each has paid since `begin`."""
         values = self._call("metrics", {})
         totals = list(self._totals.values()) if len(self._totals) > 1 else []
-        return [*(float(values.get(name, 0.0)) for name in self._sizes["metrics"]), *totals]
+        own = [_finite(f"metric {name}", values.get(name, 0.0)) for name in self._sizes["metrics"]]
+        return [*own, *totals]
 
     def missed(self) -> list[str]:
         """Return the rewards and ends that are looked for and were never found."""
@@ -124,7 +131,16 @@ class Score:
 
     def _hook_rewards(self) -> dict[str, float]:
         paid = self._call("reward", 0.0)
-        return {name: float(value) for name, value in (paid if isinstance(paid, Mapping) else {"reward": paid}).items()}
+        rewards = paid if isinstance(paid, Mapping) else {"reward": paid}
+        return {name: _finite(f"reward {name}", value) for name, value in rewards.items()}
 
     def _call(self, name: str, default: Any) -> Any:
         return self._hook[name](sys.modules["__main__"]) if name in self._hook else default
+
+
+def _finite(what: str, value: Any) -> float:
+    """Return a number of a hook. Raises ValueError if it is infinite or none."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"the hook's {what} is {number}, expected a finite number")
+    return number

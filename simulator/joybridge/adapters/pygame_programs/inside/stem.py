@@ -12,7 +12,8 @@ from joybridge.adapters.pygame_programs.inside.fences import Fences
 from joybridge.adapters.pygame_programs.wire import FORK, OWN_FOLDER_DESCRIPTOR, knock
 from joybridge.simulator.workers.link import Link
 
-MAX_BESIDE = 200  # files and folders that a working directory begins with
+MAX_BESIDE = 2000  # files and folders that a working directory begins with,
+MAX_COPIES = 200  # and of how many small files it has copies
 MAX_COPY_BYTES = 100_000
 REMOVALS = 100  # tries to remove a folder in which others remove theirs
 
@@ -43,8 +44,13 @@ class Folders:
 
 def copy_beside(source: Path, work: Path) -> None:
     """Let a working directory have what a folder has: copies of small files, which may be changed, and links."""
-    for path in sorted(source.iterdir())[:MAX_BESIDE]:
-        if path.is_file() and path.stat().st_size <= MAX_COPY_BYTES:
+    for number, path in enumerate(sorted(source.iterdir())[:MAX_BESIDE]):
+        if (
+            number < MAX_COPIES
+            and path.is_file()
+            and path.stat().st_size <= MAX_COPY_BYTES
+            and os.access(path, os.R_OK)
+        ):
             shutil.copy(path, work / path.name)
         else:
             (work / path.name).symlink_to(path)
