@@ -2,6 +2,7 @@
 
 import sys
 from types import SimpleNamespace
+from typing import ClassVar
 
 import gymnasium
 import numpy as np
@@ -16,6 +17,7 @@ from joybridge.simulator.batched_game import ArenaError, GameError
 from joybridge.simulator.catalog import CatalogError, load_game, load_games
 from joybridge.simulator.game_adapter import batched
 from joybridge.simulator.listing import listing
+from joybridge.simulator.timestep_arrays import _cast
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import Hybrid
 
@@ -129,6 +131,40 @@ def test_options_of_reset_that_the_metadata_names_are_parameters():
         load_game(f"""gym:{HERE}:Windy-v0 'parameters={{"wind": 3}}'""")
     with pytest.raises(CatalogError, match=r"got the argument wind=2, .* give it as parameters.wind=2 where"):
         load_game(f"gym:{HERE}:Windy-v0 wind=2")
+
+
+def test_the_metadata_of_a_wrapper_names_its_own_parameters():
+    gymnasium.register("Repeated-v0", lambda: Repeats(gymnasium.make("CartPole-v1")))
+    try:
+        (repeats,) = load_game("gym:Repeated-v0").describe({}).parameters
+    finally:
+        gymnasium.registry.pop("Repeated-v0")
+    assert (repeats.name, repeats.low, repeats.high) == ("repeats", 1, 8)
+
+
+class Repeats(gymnasium.Wrapper):  # type: ignore[misc]
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "parameters": {"repeats": (1, 8, 1)}}
+
+
+@pytest.mark.parametrize(
+    ("values", "dtype", "kept"),
+    [
+        ([0.7, 1.0], np.uint8, "got 0.7 of float64, which is no uint8"),
+        ([300, 1], np.uint8, "got 300 of int64, which is no uint8"),
+        ([2, 0], np.bool_, "got 2 of int64, which is no bool"),
+        ([np.nan, 0], np.int32, "got nan of float64, which is no int32"),
+        ([1.0, 255.0], np.uint8, [1, 255]),
+        ([True, False], np.uint8, [1, 0]),
+        ([0.1, 1e300], np.float32, [np.float32(0.1), np.inf]),
+    ],
+)
+def test_values_become_those_of_the_sensor_or_are_refused(values, dtype, kept):
+    if isinstance(kept, str):
+        with pytest.raises(ValueError, match=kept):
+            _cast(np.array(values), dtype)
+    else:
+        with np.errstate(over="ignore"):
+            assert _cast(np.array(values), dtype).tolist() == kept
 
 
 def test_an_arena_plays_the_same_whatever_the_number_of_arenas():

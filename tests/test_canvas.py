@@ -53,8 +53,10 @@ def test_units_colors_and_backgrounds_are_those_that_were_given():
 
 
 def test_a_wrong_background_or_color_is_refused():
-    with pytest.raises(ValueError, match=r"got float64 \[8, 8\], expected uint8 \[height, width, channels\]"):
+    with pytest.raises(ValueError, match=r"got float64 \[8, 8\], expected uint8 \[height, width, 1 or 3\]"):
         Canvas(np.zeros((8, 8)), 0, 0, 1)
+    with pytest.raises(ValueError, match=r"got uint8 \[8, 8, 2\]"):
+        blank(channels=2)
     with pytest.raises(ValueError, match=r"got \(1, 2, 3\), expected a shade for each of 1 channels"):
         blank().disc((1, 1), 1, (1, 2, 3))
 

@@ -119,7 +119,12 @@ def test_a_command_records_a_tape_with_settings_before_or_behind_its_options(tmp
     assert replay(path) == 12
     assert joybridge("tape", "record", str(CATCHING), str(other), "--decisions", "3", "keys=LEFT").status == 0
     assert read_tape(other).note == read_tape(path).note and replay(other) == 12
-    for words in (["record", str(CATCHING), str(path), "--decision", "3", "LEFT"], ["replay", str(path), "keys=LEFT"]):
+    for words in (
+        ["record", str(CATCHING), str(path), "--decision", "3", "LEFT"],
+        ["record", str(CATCHING), str(path), "--decisions", "0"],
+        ["record", str(CATCHING), str(path), "--seed", "-1"],
+        ["replay", str(path), "keys=LEFT"],
+    ):
         with pytest.raises(SystemExit):
             joybridge("tape", *words)
 

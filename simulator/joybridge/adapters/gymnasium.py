@@ -106,7 +106,7 @@ def _parameters(env: Any, arguments: Mapping[str, Any]) -> list[pb.Parameter]:
     arguments: of its constructor. One that is also a parameter is refused, since each `reset` sets the parameter.
     Raises AdapterError.
     """
-    named = env.unwrapped.metadata.get("parameters", {})
+    named = env.metadata.get("parameters", {})  # a wrapper may have its own
     try:
         parameters = [parameter(name, float(low), float(high), float(own)) for name, (low, high, own) in named.items()]
     except (AttributeError, TypeError, ValueError) as error:

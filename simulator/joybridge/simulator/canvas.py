@@ -38,9 +38,9 @@ class Canvas:
         left, top: of the edges of the image, in units of the game. unit: how many of these a pixel is wide.
         Raises ValueError for another background.
         """
-        if background.ndim != 3 or background.dtype != np.uint8:
+        if background.ndim != 3 or background.dtype != np.uint8 or background.shape[2] not in (1, 3):
             raise ValueError(
-                f"background: got {background.dtype} {list(background.shape)}, expected uint8 [height, width, channels]"
+                f"background: got {background.dtype} {list(background.shape)}, expected uint8 [height, width, 1 or 3]"
             )
         self.pixels = background.copy()
         self._left, self._top, self._unit = float(left), float(top), float(unit)

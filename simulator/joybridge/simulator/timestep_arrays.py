@@ -49,7 +49,8 @@ def observations(behavior: BehaviorFormat, timesteps: Rows) -> list[Array]:
     columns = []
     for sensor in behavior.sensors:
         try:
-            column = np.array([timestep.observation[sensor.name] for _, timestep in timesteps], sensor.dtype)
+            raw = np.array([timestep.observation[sensor.name] for _, timestep in timesteps])
+            column = _cast(raw, sensor.dtype)
         except Exception:  # one of them is wrong
             column = np.empty(0)
         if column.shape != (len(timesteps), *sensor.shape):
@@ -70,10 +71,22 @@ def _column(sensor: SensorFormat, timesteps: Rows) -> Array:
             came, wanted = list(np.shape(value)), list(sensor.shape)
             raise ArenaError(arena, f"{sensor.where} has shape {came}, expected {wanted}")
         try:
-            column[row] = value
+            column[row] = _cast(np.asarray(value), sensor.dtype)
         except Exception as error:  # it is no number, or too large for the dtype
             raise ArenaError(arena, f"{sensor.where}: {type(error).__name__}: {error}") from error
     return column
+
+
+def _cast(raw: Array, dtype: Any) -> Array:
+    """Return values as a dtype. Raises ValueError where whole numbers or bools would not be what they were."""
+    if raw.dtype == dtype:
+        return raw
+    with np.errstate(invalid="ignore"):
+        values = raw.astype(dtype)
+    if np.dtype(dtype).kind != "f" and not np.array_equal(values, raw):
+        wrong = raw.reshape(-1)[(values != raw).reshape(-1).argmax()]
+        raise ValueError(f"got {wrong!s} of {raw.dtype}, which is no {np.dtype(dtype).name}")
+    return values
 
 
 def masks(behavior: BehaviorFormat, timesteps: Rows) -> list[Array] | None:
