@@ -149,10 +149,10 @@ class Repeats(gymnasium.Wrapper):  # type: ignore[misc]
 @pytest.mark.parametrize(
     ("values", "dtype", "kept"),
     [
-        ([0.7, 1.0], np.uint8, "got 0.7 of float64, which is no uint8"),
-        ([300, 1], np.uint8, "got 300 of int64, which is no uint8"),
-        ([2, 0], np.bool_, "got 2 of int64, which is no bool"),
-        ([np.nan, 0], np.int32, "got nan of float64, which is no int32"),
+        ([0.7, 1.0], np.uint8, "got 0.7 of float64, expected a value of uint8"),
+        ([300, 1], np.uint8, "got 300 of int64, expected a value of uint8"),
+        ([2, 0], np.bool_, "got 2 of int64, expected a value of bool"),
+        ([np.nan, 0], np.int32, "got nan of float64, expected a value of int32"),
         ([1.0, 255.0], np.uint8, [1, 255]),
         ([True, False], np.uint8, [1, 0]),
         ([0.1, 1e300], np.float32, [np.float32(0.1), np.inf]),

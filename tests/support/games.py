@@ -190,7 +190,8 @@ class Kick(Game):
         return (transition if self.clock < 20 else truncation)(self.observation(), {"reward": self.ball})
 
     def observation(self):
-        return {"line": np.clip(255 * (1 - np.abs(np.arange(8) - self.ball)), 0, 255).reshape(1, 8, 1)}
+        shades = np.clip(255 * (1 - np.abs(np.arange(8) - self.ball)), 0, 255)
+        return {"line": shades.astype(np.uint8).reshape(1, 8, 1)}
 
 
 class Gallery(Game):

@@ -85,7 +85,7 @@ def _cast(raw: Array, dtype: Any) -> Array:
         values = raw.astype(dtype)
     if np.dtype(dtype).kind != "f" and not np.array_equal(values, raw):
         wrong = raw.reshape(-1)[(values != raw).reshape(-1).argmax()]
-        raise ValueError(f"got {wrong!s} of {raw.dtype}, which is no {np.dtype(dtype).name}")
+        raise ValueError(f"got {wrong!s} of {raw.dtype}, expected a value of {np.dtype(dtype).name}")
     return values
 
 
