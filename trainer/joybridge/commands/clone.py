@@ -22,6 +22,7 @@ from joybridge.demonstrations.files import find_demonstrations, foreign_kind, lo
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.progress import Progress, say
 from joybridge.run.folder import check_run, keep_config, keep_spec, run_name
+from joybridge.run.own_code import check_code_beside, sign_code
 from joybridge.run.run_lock import locked
 from joybridge.run.sources import note_sources
 from joybridge.v1 import bridge_pb2 as pb
@@ -79,6 +80,8 @@ def _clone(options: argparse.Namespace) -> None:
             f"{options.config} is for several games, and clone learns one; clone a policy for all with "
             f"`joybridge train {options.config} --demos {options.demos}`"
         )
+    if given:
+        check_code_beside(find_config(options.config), given)
     recorded = _read(options.demos)
     config = _config(given, overrides, recorded, options.demos)
     run = options.run or Path("runs") / run_name(config, "clone", overrides)
@@ -87,6 +90,7 @@ def _clone(options: argparse.Namespace) -> None:
         clone(config, run, recorded.shown, options.passes)
         remember(run, SimulatorSource(games=tuple(options.game)), say)
         note_sources(run, options.game, config)
+        sign_code(run, config, say)
     say_next("evaluate", str(run))
 
 

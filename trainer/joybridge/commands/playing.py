@@ -23,7 +23,7 @@ from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
 from joybridge.run.origin import remark
-from joybridge.run.own_code import trust
+from joybridge.run.own_code import trust_all
 from joybridge.run.sources import changed_sources
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def parse_playing(
     options = parse_overrides(parser, arguments)
     check_simulator_options(parser, options)
     if options.trust_run:
-        trust(options.run)
+        trust_all([options.run, *getattr(options, "others", [])])
     if len(options.simulator) > 1:
         parser.error(f"{options.command} uses one simulator, got {len(options.simulator)}")
     return options

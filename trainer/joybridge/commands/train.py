@@ -42,7 +42,7 @@ from joybridge.demonstrations.files import find_demonstrations
 from joybridge.progress import say
 from joybridge.run.checkpoint import checkpoints, has_checkpoint, load_checkpoint
 from joybridge.run.folder import check_run, run_config, run_name
-from joybridge.run.own_code import check_code, sign_code, trust
+from joybridge.run.own_code import check_code, sign_code, trust_all
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 from joybridge.run.sinks import check_sinks
 from joybridge.run.sources import changed_sources, note_sources
@@ -131,9 +131,9 @@ def _train(options: argparse.Namespace) -> None:
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
+    if options.trust_run:
+        trust_all([path.parent, run, *config.opponents.shares])
     for known in filter(has_checkpoint, {path.parent, run}):  # they may be a stranger's
-        if options.trust_run:
-            trust(known)
         check_code(known, config)
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)

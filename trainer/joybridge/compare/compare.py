@@ -37,6 +37,7 @@ from joybridge.compare.page import few_episodes, final_scores, write_page
 from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_parts import escaped
 from joybridge.compare.page_settings import settings_block
+from joybridge.compare.peer_arguments import keep_peer_arguments
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.tested import check_test, test_marks, test_runs, test_words
@@ -53,6 +54,7 @@ from joybridge.compare.variants import (
     read_values,
     read_variants,
 )
+from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
@@ -61,6 +63,7 @@ from joybridge.progress import say
 from joybridge.run.checkpoint import has_checkpoint
 from joybridge.run.lengths import too_few_updates
 from joybridge.run.origin import own_origin
+from joybridge.run.own_code import check_code_beside
 from joybridge.run.run_lock import locked
 from joybridge.run.sources import marks
 from joybridge.v1 import bridge_pb2 as pb
@@ -80,6 +83,8 @@ def compare(options: argparse.Namespace) -> int:
     )
     if options.beside:
         variants += beside(variants, options.beside, options.game)
+    for file in (options.config, *options.also):
+        check_code_beside(path := find_config(file), load_config(path, options.overrides))
     for variant in variants:
         check_length(variant.config)
         check_unchanged(variant, options.output)
@@ -87,6 +92,7 @@ def compare(options: argparse.Namespace) -> int:
     for variant, spec in zip(variants, specs, strict=True):
         check_metric(variant, spec, options.metric, options.behavior)
     with locked(options.output, option="--output"):
+        keep_peer_arguments(options)
         check_test(variants, specs, options)
         return compare_variants(variants, specs, options)
 

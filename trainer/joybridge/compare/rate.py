@@ -19,13 +19,13 @@ from joybridge.client.command_line import (
 from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.errors import ConfigError
-from joybridge.config.files import storing
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.contract.argument_types import at_least, command_parser
 from joybridge.play.figures import add_figures
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config
-from joybridge.run.matches import Match, read_matches, write_matches
+from joybridge.run.matches import Match, locked_log, read_matches, write_matches
+from joybridge.run.own_code import check_code, trust_all
 
 MATCHES, POLICIES = 1000, 8
 
@@ -85,9 +85,12 @@ def rate_runs(options: argparse.Namespace) -> None:
     from joybridge.compare.rating_page import Tournament, rating_table, write_rating_page
 
     first, folder = options.runs[0], options.output or options.runs[0] / "rating"
+    if options.trust_run:
+        trust_all([*options.runs, *options.others])
     config = play_config(first, options.overrides)
     configs = {run: run_config(run) for run in options.runs}
     for run, other in configs.items():
+        check_code(run, other)
         if other.game != config.game:
             raise ConfigError(f"{run} plays {other.game}, expected {config.game} as {first}; name runs of one game")
     simulators = choose_simulators(
@@ -117,7 +120,9 @@ def rate_runs(options: argparse.Namespace) -> None:
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
         players |= {name: load_other(name, config.game, spec) for name in options.others}
         names, before = list(players), read_matches(folder)
-        log = [match for match in before if match.seed != options.seed or not {*names}.issuperset(match.players)]
+        settings = " ".join(options.overrides)
+        check_settings_of_log(before, settings, folder)
+        log = others_matches(before, names, options.seed)
         anchor = options.anchor or next(iter(trained))
         if anchor not in (known := {*names, *(player for match in log for player in match.players)}):
             raise ConfigError(f"--anchor got {anchor!r}, expected one of {', '.join(sorted(known))}")
@@ -125,12 +130,18 @@ def rate_runs(options: argparse.Namespace) -> None:
         if len(log) < len(before):
             say(f"{len(before) - len(log):,} matches of these players with this seed are played again")
         played = play_tournament(players, config, address=address, matches=options.matches, seed=options.seed, say=say)
-        for result in played:
-            seated = tuple(names[holder] for holder in result.holders)
-            log.append(Match(players=seated, places=tuple(result.places.tolist()), seed=options.seed))
-    with storing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    write_matches(folder, log)
+    new = [
+        Match(
+            players=tuple(names[holder] for holder in result.holders),
+            places=tuple(result.places.tolist()),
+            seed=options.seed,
+            settings=settings,
+        )
+        for result in played
+    ]
+    with locked_log(folder):  # people may have played in the meantime
+        log = [*others_matches(read_matches(folder), names, options.seed), *new]
+        write_matches(folder, log)
     say(f"rating {len(log):,} matches")
     tournament = Tournament(
         title=config.game,
@@ -142,6 +153,21 @@ def rate_runs(options: argparse.Namespace) -> None:
     )
     paths = write_rating_page(tournament, folder, options.figures)
     print(rating_table(tournament), "", *paths, sep="\n")
+
+
+def check_settings_of_log(log: Sequence[Match], settings: str, folder: Path) -> None:
+    """Raise ConfigError if a log has matches that were played under other settings of the game."""
+    for match in log:
+        if match.settings != settings:
+            raise ConfigError(
+                f"{folder} holds matches played with {match.settings or 'the settings of the training'}, and these are "
+                f"played with {settings or 'those of the training'}; name another folder with --output"
+            )
+
+
+def others_matches(log: Sequence[Match], players: Sequence[str], seed: int) -> list[Match]:
+    """Return the matches of a log that a tournament of these players with this seed does not play again."""
+    return [match for match in log if match.seed != seed or not {*players}.issuperset(match.players)]
 
 
 def unclear(run: Path, runs: Sequence[Path]) -> bool:

@@ -12,12 +12,14 @@ times as likely to be ahead.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 
 from joybridge.compare.estimators import CONFIDENCE, Estimate
+from joybridge.config.errors import ConfigError
 from joybridge.contract.tensors import Array
 from joybridge.run.matches import Match
 
@@ -26,6 +28,7 @@ RESAMPLES = 200  # of the bootstrap
 GHOST_MATCHES = (
     0.5  # that each player has won, and lost, against a ghost: without them, who never lost is infinitely good
 )
+MAX_TERMS = 2_000_000  # of a likelihood; more take gigabytes
 RIDGE = 1e-8  # curvature of the likelihood along strengths that it does not fix, as that of all players together
 MAX_ITERATIONS, TOLERANCE = 100, 1e-12
 
@@ -90,6 +93,13 @@ def list_choices(matches: Sequence[Match], index: Mapping[str, int]) -> Choices:
                 of_match.append(number)
                 made.append(different.setdefault(choice, len(different)))
     sizes = sorted({len(together) for together, _ in different} | {1})
+    if (terms := sum(comb(len(left), size) for _, left in different for size in sizes)) > MAX_TERMS:
+        seats = max(len(match.players) for match in matches)
+        raise ConfigError(
+            f"with {seats} seats, and places that up to {sizes[-1]} share, the likelihood of these matches has "
+            f"{terms:,} terms, expected at most {MAX_TERMS:,}; rate fewer matches, or let the game have a metric "
+            "`place` that is not shared"
+        )
     rows, columns, shares, begins, chosen = [], [], [], [], []
     terms = 0
     for together, left_players in different:

@@ -43,6 +43,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.config.programs import programs_of, with_places
 from joybridge.progress import say
+from joybridge.run.own_code import check_code_beside
 from joybridge.run.run_lock import locked
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)  # it reports each study that is opened
@@ -55,6 +56,7 @@ def search(options: argparse.Namespace) -> int:
     path = find_config(options.config)
     add_own_game(options, [options.config])
     base = load_config(path, options.overrides)
+    check_code_beside(path, base)
     ranges, variant = read_ranges(options.search, path, options.overrides), Variant(BASE, base)
     check(base, ranges, options.metric)
     if (kept := read_variants(options.output)) and BASE not in kept:

@@ -85,7 +85,7 @@ def write_suite(name: str, folder: Path, command: str, missing: dict[str, str], 
     for task, data in found.items():
         scored = f", *{suite.tasks[task].metric}*" if len(metrics) > 1 else ""
         aim = [suite.tasks[task].aim] if suite.aims else []
-        cells = [f"{task}{scored}", f"{_timesteps(data):,}", _settings(folder / task), *aim]
+        cells = [f"{task}{scored}", f"{_timesteps(data, folder / task):,}", _settings(folder / task), *aim]
         for variant in data["variants"]:
             rows.append([*cells, *_row(variant, data["wall_clock"][variant["label"]])])
             cells = [""] * len(cells)
@@ -116,8 +116,11 @@ def _numbers(folder: Path, task: Task) -> dict[str, Any] | None:
     return read_json(path, TypeAdapter(dict[str, Any]), MAX_BYTES, "delete it, and repeat the command")
 
 
-def _timesteps(data: dict[str, Any]) -> int:
-    return max(int(each["curve"]["timesteps"][-1]) for each in data["variants"])
+def _timesteps(data: dict[str, Any], folder: Path) -> int:
+    """Return how long the runs of a task are; their curve has no point if no two runs ended an episode together."""
+    ends = [variant.config.end for variant in read_variants(folder).values()]
+    curves = [each["curve"]["timesteps"] for each in data["variants"]]
+    return max((int(curve[-1]) for curve in curves if curve), default=max(ends, default=0))
 
 
 def _settings(folder: Path) -> str:

@@ -65,8 +65,8 @@ class Layout:
     ) -> None:
         """Write the policy's actions into the columns of `act` that this layout covers.
 
-        device_masks: what each branch of the device allows, bool [lanes, choices]. Categorical policies
-        never choose what is forbidden; a continuous action that would is given the first allowed choice.
+        device_masks: what each branch of the device allows, bool [lanes, choices]. A forbidden choice becomes the first
+        one that is allowed. Categorical policies make none, unless a joint choice has no allowed one.
         """
         share = np.clip(continuous, -CLIP, CLIP) / CLIP if self.continuous else continuous
         for column, target in enumerate(self.continuous):
@@ -79,17 +79,14 @@ class Layout:
                 choices = (values > 0.0 if target.threshold == 0.0 else np.abs(values) < target.threshold).astype(int)
             else:
                 choices = np.minimum(((values + 1) / 2 * target.choices).astype(int), target.choices - 1)
-            if device_masks is not None:
-                mask = device_masks[target.branch]
-                choices = np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
-            act.choices[:, target.branch] = choices
+            act.choices[:, target.branch] = _allowed(choices, target.branch, device_masks)
         for column, table in enumerate(self.discrete):
             choices = discrete[:, column]
             if isinstance(table, AxisTable):
                 act.axes[:, table.axis] = table.values[choices]
                 continue
             for branch, values in zip(table.branches, table.values.T, strict=True):
-                act.choices[:, branch] = values[choices]
+                act.choices[:, branch] = _allowed(values[choices], branch, device_masks)
             if table.positions is not None:
                 for axis, places in zip(table.axes, table.positions.T, strict=True):
                     act.axes[:, axis] = places[choices]
@@ -112,16 +109,17 @@ class Layout:
     def masks(self, device_masks: Sequence[Array]) -> list[Array]:
         """Return which choices of the policy's branches are allowed, bool [lanes, choices] each.
 
-        A joint choice is allowed if all its parts are.
+        A joint choice is allowed if all its parts are. Where none is, those are that have the fewest forbidden parts,
+        in whose place `write` gives the device what it allows.
         """
         lanes = len(device_masks[0])
         masks: list[Array] = []
         for table in self.discrete:
-            allowed = np.ones((lanes, len(table.values)), bool)
+            forbidden = np.zeros((lanes, len(table.values)), np.int64)
             if isinstance(table, JointTable):
                 for branch, choices in zip(table.branches, table.values.T, strict=True):
-                    allowed &= device_masks[branch][:, choices]
-            masks.append(allowed)
+                    forbidden += ~device_masks[branch][:, choices]
+            masks.append(forbidden == forbidden.min(axis=1, keepdims=True))
         return masks
 
 
@@ -133,6 +131,14 @@ def together(*layouts: Layout) -> Layout:
         continuous += layout.continuous
         discrete += layout.discrete
     return Layout(tuple(continuous), tuple(discrete))
+
+
+def _allowed(choices: Array, branch: int, device_masks: Sequence[Array] | None) -> Array:
+    """Return the choices of a branch of the device, the first allowed one in place of a forbidden one."""
+    if device_masks is None:
+        return choices
+    mask = device_masks[branch]
+    return np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
 
 
 def _name(part: Part, device: pb.Device) -> str:

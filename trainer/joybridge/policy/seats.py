@@ -43,6 +43,7 @@ class Seats:
         self._place = [names.index(PLACE) if PLACE in names else None for names in metrics]
         self._holders, self._dealt = (np.zeros((arenas, self.count), np.int64) for _ in range(2))
         self._rewards, self._scores = (np.zeros((arenas, self.count)) for _ in range(2))
+        self._earners = np.zeros((arenas, self.count), np.int64)  # who held each seat that has ended
         self._ended = np.zeros((arenas, self.count), bool)  # seats whose episode of the present match is over
 
     def holders(self, behavior: int) -> Array:
@@ -83,14 +84,16 @@ class Seats:
             scores = self._rewards[:, columns].copy()
             if place is not None and step.metrics is not None:
                 scores[ends] = -step.metrics[:, place]
-            self._scores[:, columns][ends & ~self._ended[:, columns]] = scores[ends & ~self._ended[:, columns]]
+            new = ends & ~self._ended[:, columns]
+            self._scores[:, columns][new] = scores[new]
+            self._earners[:, columns][new] = self._holders[:, columns][new]
             self._ended[:, columns] |= ends
             self._rewards[:, columns][ends] = 0.0
             if step.interrupted is not None:
                 cut.update((step.ended[step.interrupted] // shape[1]).tolist())
             over = True
         arenas = np.flatnonzero(self._ended.all(axis=1)) if over else ()
-        results = [Result(int(a), self._holders[a].copy(), self._scores[a].copy()) for a in arenas if a not in cut]
+        results = [Result(int(a), self._earners[a].copy(), self._scores[a].copy()) for a in arenas if a not in cut]
         self._ended[arenas] = False
         return results
 
@@ -103,8 +106,8 @@ class Seats:
 
     def state(self) -> dict[str, Array]:
         """Return copies of everything, for a checkpoint."""
-        arrays = (self._holders, self._dealt, self._rewards, self._scores, self._ended)
-        return dict(zip(("holders", "dealt", "rewards", "scores", "ended"), (a.copy() for a in arrays), strict=True))
+        names = ("holders", "dealt", "rewards", "scores", "earners", "ended")
+        return {name: getattr(self, f"_{name}").copy() for name in names}
 
     def load(self, state: dict[str, Array]) -> None:
         """Take back what `state` returned."""

@@ -19,7 +19,7 @@ import joybridge
 from joybridge.compare.job import Job, lifeline
 from joybridge.config.config import dump_config, load_config
 from joybridge.ray_cluster.simulators import PRIVATE, import_ray, join_cluster
-from joybridge.run.checkpoint import checkpoints
+from joybridge.run.checkpoint import BEST, checkpoints
 from joybridge.run.run_lock import PARENT_SECONDS, locked
 
 CORES = 2  # that a run uses
@@ -132,7 +132,7 @@ def read_files(run: Path) -> Files:
 
     The run may be going on. Checkpoints are read first, because metrics may be newer than checkpoints, never older.
     """
-    paths = [path for path in (*run.glob("checkpoints/[0-9]*/*"), *run.glob("*")) if path.is_file()]
+    paths = [path for path in (*run.glob("checkpoints/*/*"), *run.glob("*")) if path.is_file()]
     files: Files = {}
     for path in paths:
         try:
@@ -160,6 +160,8 @@ def write_files(run: Path, files: Mapping[str, bytes]) -> None:
         if path.is_file():
             path.replace(run / path.name)
     for path in fresh.glob("checkpoints/*"):
+        if path.name == BEST:
+            shutil.rmtree(run / "checkpoints" / BEST, ignore_errors=True)
         if not (run / "checkpoints" / path.name).exists():
             path.rename(run / "checkpoints" / path.name)
     for path in checkpoints(run):

@@ -146,7 +146,9 @@ class Adviser:
         Return them, or none while most losses are others: in a game that punishes, a few are as large by chance.
         """
         rollout = self._policy.rollout
-        for rewards, ended in zip(rollout.rewards, rollout.terminated | rollout.truncated, strict=True):
+        live = rollout.decided()  # other rows are those of earlier rollouts
+        ends = (rollout.terminated | rollout.truncated) & live
+        for rewards, ended in zip(np.where(live, rollout.rewards, 0.0), ends, strict=True):
             lost = (rewards < 0) & ~ended
             back = (self._paid >= PAID) & lost & np.isclose(self._sums, -rewards)
             self._losses += LOSSES * lost.sum() - back.sum()

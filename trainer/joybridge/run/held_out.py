@@ -47,6 +47,11 @@ class HeldOut:
         self._spec = fitting_spec(address, self._config.model_copy(update={"parameters": {}}))
         values = {name: distribution_of(value) for name, value in self._due.parameters.items()}
         check_drawn(values, self._spec, "evaluate_during.parameters")
+        if len(spec.behaviors) != len(self._spec.behaviors):
+            raise ConfigError(
+                "evaluate_during.options: they change which behaviors there are; choose options that change the game "
+                "alone"
+            )
         for trained, played in zip(spec.behaviors, self._spec.behaviors, strict=True):
             if trained != played:
                 raise ConfigError(

@@ -1,15 +1,17 @@
 """Finished matches: a log with a row for each, and what their pairs and seats say."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from filelock import FileLock
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from joybridge.config.errors import CheckpointError
-from joybridge.config.files import write_atomically
+from joybridge.config.files import storing, write_atomically
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
 
@@ -27,6 +29,7 @@ class Match(BaseModel):
     seed: int = Field(0, ge=0)  # of the tournament
     arena: int = Field(0, ge=0)
     episode: int = Field(0, ge=0)  # of the arena
+    settings: str = ""  # of the game that differ from the training, as on the command line
 
     @model_validator(mode="after")
     def _check(self) -> "Match":
@@ -67,6 +70,19 @@ def read_matches(folder: Path) -> list[Match]:
             where = ".".join(map(str, first["loc"])) or "it"
             raise CheckpointError(f"{path}, line {number}, is no match: {where}: {first['msg']}; delete it") from None
     return matches
+
+
+@contextmanager
+def locked_log(folder: Path) -> Iterator[None]:
+    """Let nobody else change the log of a folder, which is made if it does not exist. Raises StorageError."""
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / "matches.lock")
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def write_matches(folder: Path, matches: Iterable[Match]) -> None:

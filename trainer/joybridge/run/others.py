@@ -15,6 +15,7 @@ from joybridge.policy.scripted import find_scripts
 from joybridge.policy.table import Guest, Table
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import run_config
+from joybridge.run.own_code import check_code
 from joybridge.run.trained import load_actors, trained_after
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -55,6 +56,7 @@ def load_other(name: str, game: str, spec: pb.GameSpec) -> Sequence[Actor | Gues
         return [_load_file(Path(name), spec)]
     run, timesteps = _run_and_timesteps(name)
     other = run_config(run)
+    check_code(run, other)
     if other.game != game:
         raise ConfigError(f"opponents: {run} plays {other.game}, expected {game}; name a run of this game")
     if timesteps is not None:

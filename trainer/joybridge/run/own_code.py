@@ -5,7 +5,7 @@ this machine and in this folder (see own_runs.py), or says so with --trust-run.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -15,6 +15,7 @@ from joybridge.config.config import Config
 from joybridge.config.files import write_atomically
 from joybridge.config.json_files import read_json
 from joybridge.layouts.mixed import kinds_of
+from joybridge.run.checkpoint import has_checkpoint
 
 FILE = "code.json"  # in the folder of a run
 MAX_BYTES = 2**12  # of it
@@ -34,6 +35,13 @@ def trust(run: Path) -> None:
     _trusted.add(run.resolve())
 
 
+def trust_all(names: Iterable[Path | str]) -> None:
+    """Believe all runs that are named on a command line: by their folders, or as RUN@TIMESTEPS."""
+    for name in map(str, names):
+        trust(Path(name))
+        trust(Path(name.rpartition("@")[0] or name))
+
+
 def sign_code(run: Path, config: Config, say: Callable[[str], None]) -> None:
     """Note in the folder of a run that this user trains it with the code that it names. Raises StorageError."""
     if not code_of(config):
@@ -47,6 +55,12 @@ def check_code(run: Path, config: Config) -> None:
     if not (named := code_of(config)) or run.resolve() in _trusted or is_ours(_signed(config), _signature(run)):
         return
     raise untrusted(run, [f"import {', '.join(named)}"])
+
+
+def check_code_beside(path: Path, config: Config) -> None:
+    """Raise UntrustedRunError if a configuration is that of a run, and `check_code` refuses it."""
+    if has_checkpoint(path.parent):
+        check_code(path.parent, config)
 
 
 def _signature(run: Path) -> str:

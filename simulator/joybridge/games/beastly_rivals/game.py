@@ -187,12 +187,16 @@ class BeastlyRivals(PointerGame):
         r.begin_episodes(self.arenas, self.streams, self.world, which)
         self._make_pitches(which)
 
-    def _make_pitches(self, which: Array) -> None:
-        """Make the pitches that the arenas of `which` begin to play on, if they are not the paper's."""
+    def _make_pitches(self, which: Array, *, settle: bool = True) -> None:
+        """Make the pitches that the arenas of `which` play on, if they are not the paper's.
+
+        settle: bodies that are not on them are moved there, which may also move others by a rounding error.
+        """
         if self.world.generated:
             rows = np.flatnonzero(which)
             pitches.generate(self.fields["number"][rows], rows, self.world.pitches)
-            r.settle(self.arenas, self.world, which)
+            if settle:
+                r.settle(self.arenas, self.world, which)
             self.look_at_ground(rows)
 
     def show_levels(self, numbers: Array) -> None:
@@ -209,7 +213,7 @@ class BeastlyRivals(PointerGame):
         super().restore(state)
         if self.world.generated:
             self.fields["level"] = np.arange(len(self.arenas))
-            self._make_pitches(np.ones(len(self.arenas), bool))
+            self._make_pitches(np.ones(len(self.arenas), bool), settle=False)
 
     def step(self, acts: list[ActArrays]) -> list[StepArrays]:
         """Advance every arena by one decision.

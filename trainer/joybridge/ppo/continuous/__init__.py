@@ -121,5 +121,9 @@ def _parts(
 
 
 def softplus(x: Tensor) -> Tensor:
-    """Return log(1 + exp(x)). Unlike torch's, the result of a number does not depend on how many there are."""
-    return torch.relu(x) + torch.log1p(torch.exp(-x.abs()))
+    """Return log(1 + exp(x)). Unlike torch's, the result of a number does not depend on how many there are.
+
+    Its gradient at 0 is one half, where those of the absolute value and of relu are 0.
+    """
+    positive = x > 0
+    return torch.where(positive, x, 0.0) + torch.log1p(torch.exp(torch.where(positive, -x, x)))
