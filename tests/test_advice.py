@@ -190,3 +190,13 @@ def test_a_button_that_was_never_pressed_much_is_not_said_to_be_forgotten():
     policy.rollout.discrete[..., 1] = 0
     policy.rollout.discrete[0, :20, 1] = 1
     assert said(adviser, 3) == []
+
+
+def test_rows_in_which_nothing_was_decided_pay_nothing_again():
+    policy, adviser = lively("hybrid")
+    policy.rollout.rewards[:] = 1.0
+    said(adviser, 1)
+    policy.rollout.deciding[:] = False  # their rewards are those of the rollout before
+    before = adviser._sums.copy()
+    said(adviser, 1)
+    assert (adviser._sums == before).all()

@@ -1,10 +1,13 @@
 """What `joybridge compare` refuses before it trains, and what it warns of."""
 
+from argparse import Namespace
+
 import pytest
 
 from joybridge.compare import command
 from joybridge.compare.compare import remarks
 from joybridge.compare.launch import check_metric, too_short_for_scores
+from joybridge.compare.peer_arguments import keep_peer_arguments
 from joybridge.compare.tested import check_test
 from joybridge.compare.variants import (
     Variant,
@@ -173,6 +176,17 @@ def test_a_layout_that_cannot_play_the_game_is_refused_before_anything_is_traine
     assert not (tmp_path / OUT).exists()
     done = run_in(tmp_path, simulator, "--behavior", "archers")
     assert done.status == 1 and "--behavior got 'archers'; archer has archer" in done.errors
+
+
+def test_other_arguments_of_another_trainer_are_another_comparison(tmp_path):
+    def given(ppo, beside=True):
+        return Namespace(output=tmp_path, ppo=ppo, beside=beside)
+
+    keep_peer_arguments(given('{"gamma": 0.9}'))
+    keep_peer_arguments(given('{"gamma":0.9}'))
+    with pytest.raises(ConfigError, match=r'holds runs with --ppo {"gamma": 0.9}, not {}; repeat'):
+        keep_peer_arguments(given("{}"))
+    keep_peer_arguments(given("{}", beside=False))
 
 
 def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():

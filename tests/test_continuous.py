@@ -17,6 +17,7 @@ from joybridge.ppo.continuous import (
     log_probs_of_each,
     noise_holds,
     sample_each,
+    softplus,
 )
 from joybridge.ppo.continuous.beta import Beta
 from joybridge.ppo.continuous.gaussian import Gaussian
@@ -142,3 +143,10 @@ def test_noise_is_kept_as_long_as_each_distribution_says():
 def test_a_distribution_that_is_not_there_is_named(name):
     with pytest.raises(ConfigError, match=f"layout: the distribution '{name}' cannot be loaded: "):
         load_distributions([name], 4)
+
+
+def test_softplus_has_the_gradient_of_torch_at_zero_too():
+    x = torch.tensor([-30.0, -1.0, 0.0, 1.0, 30.0], requires_grad=True)
+    (own,) = torch.autograd.grad(softplus(x).sum(), x)
+    (theirs,) = torch.autograd.grad(torch.nn.functional.softplus(x).sum(), x)
+    torch.testing.assert_close(own, theirs)

@@ -333,8 +333,10 @@ def test_files_of_a_run_are_copied_and_old_checkpoints_are_deleted(tmp_path):
         "log.txt": b"x",
         "checkpoints/000000000001/arrays": b"a",
         "checkpoints/000000000001/manifest": b"m",
+        "checkpoints/best/arrays": b"a",
     }
-    second = {"metrics-a.csv": b"12", "log.txt": b"xy", "checkpoints/000000000002/arrays": b"b"}
+    best = {"checkpoints/best/arrays": b"b"}
+    second = {"metrics-a.csv": b"12", "log.txt": b"xy", "checkpoints/000000000002/arrays": b"b", **best}
     write_files(there, first)
     assert read_files(there) == first
     write_files(here, read_files(there))

@@ -154,3 +154,15 @@ def test_a_picture_shows_the_pitch():
     first = game.draw(0)
     game.show_levels(game.arenas.number[::-1].copy())
     assert (game.draw(0) != first).any(axis=2).mean() > 0.02
+
+
+def test_a_snapshot_moves_nobody_also_in_the_corners():
+    game, other = new_game(64), new_game(64, seed=6)
+    rng = np.random.default_rng(0)
+    for number in range(400):
+        if number % 20 == 0:
+            axes = np.sign(rng.uniform(-1, 1, (64, 2))).astype(np.float32)  # into the borders
+        game.step([ActArrays(axes, np.ones((64, 2), np.int32))])
+        if number % 4 == 0:
+            other.restore(game.save())
+            assert other.arenas.tobytes() == game.arenas.tobytes()

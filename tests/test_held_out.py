@@ -4,14 +4,16 @@ import shutil
 
 import pytest
 
-from joybridge.config.config import Config
+from joybridge.client.client import describe
+from joybridge.config.config import Config, make_config
+from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.errors import JoybridgeError
 from joybridge.play.evaluate import evaluate
 from joybridge.play.playing import PlaySpec
 from joybridge.run.checkpoint import load_checkpoint
-from joybridge.run.held_out import OTHER_SEED
+from joybridge.run.held_out import OTHER_SEED, HeldOut
 from joybridge.run.train import train
 from joybridge.run.training import Audience
 
@@ -133,3 +135,11 @@ def test_settings_that_cannot_be_played_are_refused_before_anything_is_learned(d
     with pytest.raises(JoybridgeError, match=message):
         short(simulator, tmp_path / "run", evaluate_during=during)
     assert not (tmp_path / "run" / "checkpoints").exists()
+
+
+def test_other_behaviors_than_in_training_are_named(simulator):
+    spec = describe(simulator, "hybrid", {})
+    spec.behaviors.add(name="another")
+    config = make_config({"game": "hybrid", "evaluate_during": {"episodes": 3}})
+    with pytest.raises(ConfigError, match=r"evaluate_during.options: they change which behaviors there are"):
+        HeldOut(config, spec, simulator)

@@ -31,6 +31,19 @@ def positions(name: str, device: pb.Device = POINTER) -> list[list[float]]:
     return [part.values.tolist() for part in layout.discrete if isinstance(part, AxisTable)]
 
 
+def test_where_every_joint_choice_is_forbidden_the_device_gets_what_it_allows():
+    device = make_device([], [2, 2])
+    for name in ("bucket-3", "joint-3"):
+        (layout,) = make_layouts(name, device).values()
+        walls = [np.array([[False, True], [True, True]])] * 2  # the first lane may make no first choice
+        (allowed,) = layout.masks(walls)
+        assert allowed.any(axis=1).all() and allowed[1].all()
+        for choice in np.flatnonzero(allowed[0]):
+            act = ActArrays(np.zeros((2, 0), np.float32), np.zeros((2, 2), np.int32))
+            layout.write(np.zeros((2, 0)), np.array([[choice], [0]]), act, walls)
+            assert act.choices[0].tolist() == [1, 1]
+
+
 def test_mu_law_values_are_those_of_vpt_on_any_axis():
     # MineRL's camera turns by up to 10 degrees; VPT's 11 bins are these.
     (values,) = positions("bucket-11-mu", make_device([(-10, 10)], []))

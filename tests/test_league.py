@@ -11,9 +11,10 @@ from joybridge.config.config import Config, OpponentsConfig, make_config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.config.policy_config import PolicyConfig
+from joybridge.contract.codec import StepArrays
 from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
-from joybridge.policy.seats import Result
+from joybridge.policy.seats import Result, Seats
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.collect import collect, group_bounds, open_groups
 from joybridge.run.league import League
@@ -22,6 +23,7 @@ from joybridge.run.pool import sampling_weights
 from joybridge.run.profiler import Profiler
 from joybridge.run.train import train
 from joybridge.run.trained import find_trained, load_actors
+from joybridge.v1 import bridge_pb2 as pb
 
 SMALL = PolicyConfig(frame_stack=2, hidden_sizes=[8], rollout_steps=16, time_horizon=16, minibatch_size=64)
 PAST = OpponentsConfig(shares={"past": 3, "learner": 1}, at_once=2, pool_updates=2, pool_size=3)
@@ -231,3 +233,19 @@ def test_what_cannot_be_an_opponent_is_refused_by_name(simulator, tmp_path):
         file.write_text("")
     (tmp_path / "ferry" / "config.yaml").write_text("game: noughts")
     assert "damaged" in refused(CheckpointError, opponents={"shares": {str(tmp_path / "ferry"): 1}})
+
+
+def test_who_held_a_seat_when_its_episode_ended_has_its_result():
+    one = pb.Behavior(name="p", agents_per_arena=2, channels=[pb.RewardChannel(name="r", default_weight=1)])
+    seats, found = Seats(pb.GameSpec(behaviors=[one]), 1), []
+    seats.begin(0, [0, 1])
+    seats.deal(0, [2, 3])
+    for rewards, ends in (([5, 0], [True, False]), ([0, 1], [False, True])):
+        lanes = np.array(ends)
+        step = StepArrays([], np.array(rewards, np.float32)[:, None], lanes, np.zeros(2, bool))
+        step.ended = np.flatnonzero(lanes).astype(np.int32)
+        found += seats.finish([step])
+        seats.sit([step])
+    (result,) = found
+    assert (result.holders.tolist(), result.scores.tolist()) == ([0, 1], [5, 1])
+    assert seats.holders(0).tolist() == [2, 3] and {*seats.state()} >= {"earners", "holders"}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joybridge.client.client import describe
 from joybridge.client.errors import SimulatorError
 from joybridge.commands.train import _noting_sources
 from joybridge.config.config import Config
@@ -19,11 +20,13 @@ from joybridge.layouts import make_layouts
 from joybridge.policy.actor import make_actors
 from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.folder import play_config
+from joybridge.run.others import load_other
 from joybridge.run.own_code import FILE
 from joybridge.run.sources import changed_sources, marks
 from joybridge.simulator import axis, behavior, branch, image, sensor
 from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
+from tests.support.demonstrated import record
 from tests.test_actions import POINTER
 from tests.test_own_runs import COMMANDS
 
@@ -171,7 +174,25 @@ def test_a_run_of_a_stranger_imports_nothing_that_it_names(key, folder, tmp_path
         assert status == 2 and "run wants to import strange:" in errors and "--trust-run" in errors
     status, _, errors = joybridge("train", "run/config.yaml", "--run", "new")
     assert status == 2 and "run wants to import strange:" in errors
+    record(Path("demos"), simulator, "marble", 130)
+    beside = "run/config.yaml"
+    for others in (
+        ["clone", "demos", "--config", beside, "--run", "copy"],
+        ["compare", beside, "--seeds", "1", "--output", "copy"],
+        ["compare", beside, "--search", "policy.gamma=0.9..0.99", "--output", "copy"],
+    ):
+        status, _, errors = joybridge(*others)
+        assert status == 2 and "run wants to import strange:" in errors, others
+    with pytest.raises(UntrustedRunError, match="run wants to import strange:"):
+        load_other("run", "marble", describe(simulator, "marble", {}))
     assert not Path("OWNED").exists()
+
+
+def test_a_clone_with_parts_of_its_own_is_believed(folder, simulator):
+    record(Path("demos"), simulator, "marble", 260)
+    clone = ["clone", "demos", "--run", "copy", "--passes", "1", "policy.network=my_network:PerSensor"]
+    assert joybridge(*clone).status == 0
+    assert play_config(Path("copy"), ()).policy.network == "my_network:PerSensor"
 
 
 def test_an_own_run_that_is_moved_is_believed_but_from_another_folder_it_is_not(folder, simulator, monkeypatch):

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from joybridge.compare.rating import GHOST_MATCHES, POINTS, rate
-from joybridge.config.errors import CheckpointError
+from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.policy.seats import places_of
 from joybridge.run.matches import Match, payoff, read_matches, seat_shares, write_matches
 
@@ -88,6 +88,15 @@ def test_intervals_contain_the_truth_and_shrink_with_more_matches():
     ratio = (few["2"].high - few["2"].low) / (many["2"].high - many["2"].low)
     assert 2.5 < ratio < 6  # 4, that of the square roots
     assert list(many) == ["2", "1", "0", "3"]  # the best first
+
+
+def test_too_many_seats_with_shared_places_are_refused_before_memory_is_full():
+    players = tuple("abcdefghijklmnopqrst")
+    matches = [
+        Match(players=players, places=tuple(np.random.default_rng(i).integers(1, 4, 20).tolist())) for i in range(9)
+    ]
+    with pytest.raises(ConfigError, match=r"with 20 seats, and places that up to \d+ share, .* rate fewer matches"):
+        rate(matches, "a")
 
 
 def test_an_anchor_that_has_not_played_is_refused():

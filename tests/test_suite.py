@@ -2,17 +2,20 @@
 
 import json
 import re
+from typing import Any
 
 import pytest
 
 from joybridge.compare import launch
 from joybridge.compare.command import parse
-from joybridge.compare.suite import write_suite
+from joybridge.compare.suite import _timesteps, write_suite
 from joybridge.compare.suites import SUITES
 from joybridge.compare.table import read_table
+from joybridge.compare.variants import Variant, keep
 from joybridge.config.config import Config
 from joybridge.config.config_files import config_names
 from joybridge.config.errors import ConfigError
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
 from tests.support.jobs import train_here
 
@@ -45,6 +48,14 @@ def test_tasks_are_trained_and_are_on_one_page(tmp_path, simulator, monkeypatch)
     assert "|  |  |  |  | only\\_with=false | **" in page and "|  |  |  |  | bucket-16 | **" in page
     assert f"{tmp_path / 'page.html'}" in output
     assert (tmp_path / "catch_point" / "page-held_out_success.html").exists()
+
+
+def test_a_task_of_which_no_two_runs_ended_an_episode_together_is_as_long_as_its_configuration(tmp_path):
+    short = Variant("short", Config(game="g", total_timesteps=700))
+    keep([short], [pb.GameSpec(name="g")], tmp_path)
+    nothing: dict[str, list[Any]] = {"variants": [{"curve": {"timesteps": []}}]}
+    assert _timesteps(nothing, tmp_path) == 700
+    assert _timesteps({"variants": [*nothing["variants"], {"curve": {"timesteps": [10, 20]}}]}, tmp_path) == 20
 
 
 def test_a_page_has_a_row_for_each_variant_and_says_what_is_missing(tmp_path):

@@ -12,18 +12,21 @@ import pytest
 from joybridge.cli import main
 from joybridge.client.client import describe
 from joybridge.compare import rating, rating_page
+from joybridge.compare.rate import check_settings_of_log
 from joybridge.compare.rating import rate
 from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.contract.sharding import rows_of
 from joybridge.layouts import make_acts
+from joybridge.play import tournament
 from joybridge.play.tournament import deal, play_tournament
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
-from joybridge.run.matches import read_matches
+from joybridge.run.matches import Match, locked_log, read_matches, write_matches
 from joybridge.run.pool import thinned
 from joybridge.run.train import train
 from joybridge.simulator import Game, behavior, button, channel, sensor, spec
@@ -297,6 +300,27 @@ def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp
     assert f"in {shared} of them ({shared / 40:.1%}) the first place is shared" in (tmp_path / "page.md").read_text()
     numbers = json.loads((tmp_path / "rating.json").read_text())
     assert numbers["ratings"]["script:random"]["value"] == 0 < numbers["ratings"]["script:perfect"]["value"]
+
+
+def test_a_match_that_people_play_meanwhile_is_kept(run, simulator, tmp_path, monkeypatch):
+    person = Match(players=("anna", "run@512"), places=(1, 2), seed=99)
+
+    def play(*words, **more):
+        with locked_log(tmp_path):
+            write_matches(tmp_path, [*read_matches(tmp_path), person])
+        return play_tournament(*words, **more)
+
+    monkeypatch.setattr(tournament, "play_tournament", play)
+    rated(simulator, run, "--output", tmp_path, "--policies", 2)
+    log = read_matches(tmp_path)
+    assert len(log) == 41 and log[0] == person
+
+
+def test_matches_under_other_settings_are_not_rated_together(tmp_path):
+    log = [Match(players=("a", "b"), places=(1, 2), settings="options.level=1")]
+    check_settings_of_log(log, "options.level=1", tmp_path)
+    with pytest.raises(ConfigError, match=r"played with options.level=1, and these .* with those of the training"):
+        check_settings_of_log(log, "", tmp_path)
 
 
 def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
