@@ -65,8 +65,8 @@ class Layout:
     ) -> None:
         """Write the policy's actions into the columns of `act` that this layout covers.
 
-        device_masks: what each branch of the device allows, bool [lanes, choices]. A forbidden choice becomes the first
-        one that is allowed. Categorical policies make none, unless a joint choice has no allowed one.
+        device_masks: what each branch of the device allows, bool [lanes, choices]. Categorical policies never choose
+        what is forbidden, unless everything is; a continuous action that would is given the first allowed choice.
         """
         share = np.clip(continuous, -CLIP, CLIP) / CLIP if self.continuous else continuous
         for column, target in enumerate(self.continuous):
@@ -86,7 +86,9 @@ class Layout:
                 act.axes[:, table.axis] = table.values[choices]
                 continue
             for branch, values in zip(table.branches, table.values.T, strict=True):
-                act.choices[:, branch] = _allowed(values[choices], branch, device_masks)
+                act.choices[:, branch] = values[choices]
+            if device_masks is not None:
+                _free(table, act, device_masks)
             if table.positions is not None:
                 for axis, places in zip(table.axes, table.positions.T, strict=True):
                     act.axes[:, axis] = places[choices]
@@ -115,11 +117,11 @@ class Layout:
         lanes = len(device_masks[0])
         masks: list[Array] = []
         for table in self.discrete:
-            forbidden = np.zeros((lanes, len(table.values)), np.int64)
+            allowed = np.ones((lanes, len(table.values)), bool)
             if isinstance(table, JointTable):
-                for branch, choices in zip(table.branches, table.values.T, strict=True):
-                    forbidden += ~device_masks[branch][:, choices]
-            masks.append(forbidden == forbidden.min(axis=1, keepdims=True))
+                forbidden = _forbidden_parts(table, device_masks)
+                allowed = forbidden == forbidden.min(axis=1, keepdims=True)
+            masks.append(allowed)
         return masks
 
 
@@ -139,6 +141,23 @@ def _allowed(choices: Array, branch: int, device_masks: Sequence[Array] | None) 
         return choices
     mask = device_masks[branch]
     return np.where(mask[np.arange(len(mask)), choices], choices, mask.argmax(axis=1))
+
+
+def _forbidden_parts(table: JointTable, device_masks: Sequence[Array]) -> Array:
+    """Return how many choices of each row are forbidden, int [lanes, rows]."""
+    forbidden = np.zeros((len(device_masks[0]), len(table.values)), np.int64)
+    for branch, choices in zip(table.branches, table.values.T, strict=True):
+        forbidden += ~device_masks[branch][:, choices]
+    return forbidden
+
+
+def _free(table: JointTable, act: ActArrays, device_masks: Sequence[Array]) -> None:
+    """Where no row of a table is allowed, give each of its branches the first choice that is, in place."""
+    allowed = {branch: _allowed(act.choices[:, branch], branch, device_masks) for branch in table.branches}
+    if any((choices != act.choices[:, branch]).any() for branch, choices in allowed.items()):
+        stuck = _forbidden_parts(table, device_masks).all(axis=1)
+        for branch, choices in allowed.items():
+            act.choices[stuck, branch] = choices[stuck]
 
 
 def _name(part: Part, device: pb.Device) -> str:
