@@ -13,7 +13,7 @@ from joybridge.config.config import make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
-from joybridge.demonstrations.of_games import load_for_games
+from joybridge.demonstrations.of_games import load_translated
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor, make_actors
@@ -243,7 +243,9 @@ def test_a_policy_clones_demonstrations_of_single_games(run, simulator, tmp_path
         shown = ["evaluate", str(run), "--only-game", game, "--episodes", "3", "--demos", str(demos), *at]
         assert joybridge(*shown).status == 0
     lineup = make_lineup(simulator, make_config({"games": {"marble": {}, "archer": {}}}))
-    for demonstration, game in zip(load_for_games(sorted(demos.iterdir()), lineup), ("archer", "marble"), strict=True):
+    for demonstration, game in zip(
+        [load_translated(file, lineup) for file in sorted(demos.iterdir())], ("archer", "marble"), strict=True
+    ):
         assert [*lineup.games][demonstration.kind] == game and demonstration.spec == lineup.spec
         recorded = load_recorded(demonstration.path, lineup.specs[game])
         for common, own in zip(demonstration.stretches, recorded.stretches, strict=True):
@@ -273,9 +275,9 @@ def test_a_demonstration_is_of_the_game_with_its_options(simulator, tmp_path):
     lineup = make_lineup(simulator, make_config({"games": levels}))
     for name, kind in (("b6", 1), ("c3", 2), ("a1", 0)):
         file = record(tmp_path, simulator, "shooting_birds", 3, options=levels[name]["options"])
-        assert [one.kind for one in load_for_games([file], lineup)] == [kind]
+        assert load_translated(file, lineup).kind == kind
     other = record(tmp_path, simulator, "shooting_birds", 3, options={"locomotion": "axes", "level": "5"})
-    assert load_for_games([other], lineup)[0].kind == 0  # nothing but the levels differs
+    assert load_translated(other, lineup).kind == 0  # nothing but the levels differs
 
 
 def test_a_video_shows_all_games_side_by_side(run, simulator, tmp_path):

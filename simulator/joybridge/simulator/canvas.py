@@ -1,7 +1,6 @@
 """Small images for agents, painted shape by shape in microseconds by compiled code.
 
-What `draw` shows a person takes milliseconds, and an agent sees a few hundred pixels of it. A game that paints these
-itself trains a hundred times faster:
+What `draw` shows a person takes milliseconds, and an agent sees some hundred pixels of it, which a game paints itself:
 
     canvas = Canvas(BACKGROUND, left=0.0, top=1.0, unit=1 / 48)
     canvas.disc((x, y), radius, (226, 62, 74))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["fovea", "shrink"]
 
 BEYOND = 20  # shade of what lies outside the picture
-LUMINANCE = (77, 150, 29)  # of red, green and blue, in 256ths
+LUMINANCE = (77, 150, 29)  # of red, green and blue, in 256ths, as in ITU-R BT.601
 
 
 def shrink(picture: "Array | pygame.Surface", height: int, width: int, channels: int = 1) -> Array:
@@ -27,7 +27,7 @@ def shrink(picture: "Array | pygame.Surface", height: int, width: int, channels:
     pixels = _pixels(picture)
     area = pixels.shape[0] * pixels.shape[1]
     if channels == 1:
-        pixels = _gray(pixels)
+        pixels = gray(pixels)
     sums = _sums(_sums(pixels, height).swapaxes(0, 1), width).swapaxes(0, 1)
     small: Array = ((sums + area // 2) // area).astype(np.uint8)
     return small
@@ -57,7 +57,8 @@ def _pixels(picture: "Array | pygame.Surface") -> Array:
     return pygame.surfarray.array3d(picture).swapaxes(0, 1)
 
 
-def _gray(pixels: Array) -> Array:
+def gray(pixels: Array) -> Array:
+    """Return a picture uint8 [height, width, 3] without colors, uint8 [height, width, 1]."""
     red, green, blue = (pixels[..., color].astype(np.uint16) * np.uint16(part) for color, part in enumerate(LUMINANCE))
     shades: Array = ((red + green + blue) >> 8).astype(np.uint8)[..., None]
     return shades

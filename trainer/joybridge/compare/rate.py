@@ -120,7 +120,7 @@ def rate_runs(options: argparse.Namespace) -> None:
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
         players |= {name: load_other(name, config.game, spec) for name in options.others}
         names, before = list(players), read_matches(folder)
-        settings = " ".join(options.overrides)
+        settings = " ".join(sorted(options.overrides))
         check_settings_of_log(before, settings, folder)
         log = others_matches(before, names, options.seed)
         anchor = options.anchor or next(iter(trained))

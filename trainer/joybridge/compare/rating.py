@@ -12,7 +12,6 @@ times as likely to be ahead.
 import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -93,11 +92,11 @@ def list_choices(matches: Sequence[Match], index: Mapping[str, int]) -> Choices:
                 of_match.append(number)
                 made.append(different.setdefault(choice, len(different)))
     sizes = sorted({len(together) for together, _ in different} | {1})
-    if (terms := sum(comb(len(left), size) for _, left in different for size in sizes)) > MAX_TERMS:
+    if (most := sum(math.comb(len(left), size) for _, left in different for size in sizes)) > MAX_TERMS:
         seats = max(len(match.players) for match in matches)
         raise ConfigError(
             f"with {seats} seats, and places that up to {sizes[-1]} share, the likelihood of these matches has "
-            f"{terms:,} terms, expected at most {MAX_TERMS:,}; rate fewer matches, or let the game have a metric "
+            f"{most:,} terms, expected at most {MAX_TERMS:,}; rate fewer matches, or let the game have a metric "
             "`place` that is not shared"
         )
     rows, columns, shares, begins, chosen = [], [], [], [], []

@@ -183,7 +183,7 @@ def _trained_longer(job: Job) -> str:
     if newest <= config.end:
         return ""
     agents = sum(behavior.agents_per_arena for behavior in run_spec(job.run).behaviors)
-    policies = [config.policy_config(name) for name in config.policies] or [config.policy]
+    policies = [config.policy, *map(config.policy_config, config.policies)]
     cycle = config.arenas * agents * max(policy.rollout_steps for policy in policies)
     if newest < config.end + cycle:
         return ""

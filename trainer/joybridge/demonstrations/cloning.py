@@ -13,7 +13,7 @@ from joybridge.config.errors import ConfigError
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
 from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
-from joybridge.demonstrations.of_games import load_for_games
+from joybridge.demonstrations.of_games import load_translated
 from joybridge.demonstrations.recorded import Demonstration
 from joybridge.demonstrations.returns import Demonstrated, discounted_returns
 from joybridge.demonstrations.shown_pictures import Numbered, gather_pictures, number_pictures
@@ -42,7 +42,7 @@ def demonstrate(
         return
     files, remarks = chosen_demonstrations(Path(config.demonstrations), run, resumed=resumed)
     yield from remarks
-    shown = load_for_games(files, lineup) if lineup else [load_demonstration(file, spec) for file in files]
+    shown = [load_translated(file, lineup) if lineup else load_demonstration(file, spec) for file in files]
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
         wanted = targets(policy.actor, shown, config, lineup)

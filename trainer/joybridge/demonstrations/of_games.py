@@ -1,6 +1,5 @@
 """Demonstrations of single games as those of the common device, so that one policy clones a specialist of each game."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from joybridge.client.recording import RecordingError, load_recording
@@ -9,13 +8,11 @@ from joybridge.demonstrations.recorded import Demonstration, RecordedEpisodes, l
 from joybridge.policy.lineup import Lineup
 
 
-def load_for_games(paths: Sequence[Path], lineup: Lineup) -> list[Demonstration]:
-    """Return what files of single games show to a policy of several. Raises RecordingError for other games."""
-    return [_translated(path, lineup) for path in paths]
+def load_translated(path: Path, lineup: Lineup) -> Demonstration:
+    """Return a file under the common spec: as the game with the options of the recording, or else one that it fits.
 
-
-def _translated(path: Path, lineup: Lineup) -> Demonstration:
-    """Return a file under the common spec: as the game with the options of the recording, or else one that it fits."""
+    Raises RecordingError for other games.
+    """
     if foreign := foreign_kind(path):
         raise RecordingError(f"{path} is {foreign}, which does not say what the game is; several games need to know it")
     recording = load_recording(path)

@@ -119,8 +119,11 @@ class Layout:
         for table in self.discrete:
             allowed = np.ones((lanes, len(table.values)), bool)
             if isinstance(table, JointTable):
-                forbidden = _forbidden_parts(table, device_masks)
-                allowed = forbidden == forbidden.min(axis=1, keepdims=True)
+                for branch, choices in zip(table.branches, table.values.T, strict=True):
+                    allowed &= device_masks[branch][:, choices]
+                if (stuck := ~allowed.any(axis=1)).any():
+                    forbidden = _forbidden_parts(table, [mask[stuck] for mask in device_masks])
+                    allowed[stuck] = forbidden == forbidden.min(axis=1, keepdims=True)
             masks.append(allowed)
         return masks
 

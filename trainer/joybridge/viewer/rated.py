@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
@@ -11,8 +10,6 @@ from joybridge.contract.codec import StepArrays
 from joybridge.policy.seats import Seats
 from joybridge.run.matches import Match, locked_log, read_matches, write_matches
 from joybridge.v1 import bridge_pb2 as pb
-
-_WRITING = Lock()  # each arena is played in a thread
 
 
 class RatedMatches:
@@ -38,7 +35,7 @@ class RatedMatches:
                 for seat, person in zip(held, self._people, strict=True):
                     players[seat] = person
                 match = Match(players=tuple(players), places=tuple(result.places.tolist()), seed=int(time.time()))
-                with _WRITING, locked_log(self._folder):
+                with locked_log(self._folder):
                     write_matches(self._folder, [*read_matches(self._folder), match])
             self._begin()
 

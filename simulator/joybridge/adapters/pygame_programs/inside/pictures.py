@@ -15,7 +15,6 @@ from joybridge.adapters.pygame_programs.inside.display import Pixels
 from joybridge.contract.tensors import Array
 
 MAX_SAMPLES = 4  # along each side of a block
-GRAY = (77, 150, 29)  # parts of 256 of red, green and blue, as in ITU-R BT.601
 
 
 def scale(pixels: Pixels, height: int, width: int) -> Array:
@@ -31,13 +30,6 @@ def scale(pixels: Pixels, height: int, width: int) -> Array:
     picture[..., 1] = (green >> np.uint32(8)) // count
     picture[..., 2] = (red_blue & np.uint32(0xFFFF)) // count
     return picture
-
-
-def gray(picture: Array) -> Array:
-    """Return a picture uint8 [height, width, 3] without colors, uint8 [height, width, 1]."""
-    red, green, blue = (picture[..., color].astype(np.uint16) * np.uint16(part) for color, part in enumerate(GRAY))
-    grays: Array = ((red + green + blue) >> np.uint16(8)).astype(np.uint8)[..., None]
-    return grays
 
 
 def crop(pixels: Pixels, center: tuple[int, int], side: int) -> Array:

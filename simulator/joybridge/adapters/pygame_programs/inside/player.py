@@ -12,7 +12,7 @@ import pygame
 
 from joybridge.adapters.pygame_programs.inside.hands import BUTTONS, KEYS
 from joybridge.adapters.pygame_programs.inside.numbers import Numbers
-from joybridge.adapters.pygame_programs.inside.pictures import crop, gray, hash_of, scale
+from joybridge.adapters.pygame_programs.inside.pictures import crop, hash_of, scale
 from joybridge.adapters.pygame_programs.inside.scan import end_texts, hash_of_sources, scan
 from joybridge.adapters.pygame_programs.inside.stage import Stage
 from joybridge.adapters.pygame_programs.inside.stem import fork, leave
@@ -35,6 +35,7 @@ from joybridge.adapters.pygame_programs.wire import (
     as_json,
 )
 from joybridge.contract.tensors import Array
+from joybridge.simulator.sight import gray
 from joybridge.simulator.workers.link import Link
 
 SPEED = 0.04  # of a pointer that is moved: widths of the display per frame, at most
