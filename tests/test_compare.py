@@ -175,6 +175,10 @@ def test_all_runs_play_a_test_whose_scores_have_a_page_of_their_own(whole, copie
     assert f"bucket-3-s1: accuracy {found.means['accuracy']:.4g}" in again.errors
     away = run_in(copied, "127.0.0.1:1", *more, "--wait", "0.2")
     assert away.status == 1 and away.errors.count("no simulator at 127.0.0.1:1") == 1  # it is waited for once
+    with monkeypatch.context() as patch:
+        patch.setattr(tested, "_newest", lambda run: 10**6)
+        longer = run_in(copied, simulator, *more)
+    assert longer.status == 1 and "its newest policy has trained for 1,000,000 timesteps, and " in longer.errors
     shutil.rmtree(OUT / "runs/hybrid-s0")
     lost = run_in(copied, simulator, *more)
     assert lost.status == 1 and "missing: hybrid-s0: out/runs/hybrid-s0 is not the folder of a run" in lost.errors

@@ -182,7 +182,7 @@ def test_a_run_of_a_stranger_imports_nothing_that_it_names(key, folder, tmp_path
         ["compare", beside, "--search", "policy.gamma=0.9..0.99", "--output", "copy"],
     ):
         status, _, errors = joybridge(*others)
-        assert status == 2 and "run wants to import strange:" in errors, others
+        assert status == 2 and "run wants to import strange:" in errors and "--trust-run" in errors, others
     with pytest.raises(UntrustedRunError, match="run wants to import strange:"):
         load_other("run", "marble", describe(simulator, "marble", {}))
     assert not Path("OWNED").exists()
@@ -193,6 +193,9 @@ def test_a_clone_with_parts_of_its_own_is_believed(folder, simulator):
     clone = ["clone", "demos", "--run", "copy", "--passes", "1", "policy.network=my_network:PerSensor"]
     assert joybridge(*clone).status == 0
     assert play_config(Path("copy"), ()).policy.network == "my_network:PerSensor"
+    Path("copy/code.json").unlink()  # as if it were a stranger's
+    again = ["clone", "demos", "--config", "copy/config.yaml", "--run", "again", "--passes", "1"]
+    assert joybridge(*again).status == 2 and joybridge(*again, "--trust-run").status == 0
 
 
 def test_an_own_run_that_is_moved_is_believed_but_from_another_folder_it_is_not(folder, simulator, monkeypatch):

@@ -19,6 +19,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.evaluate import _half_widths
 from joybridge.play.sweep import Results, plot, read_sweep
 from joybridge.run.train import train
+from tests.support.command_line import joybridge
 from tests.support.games import PLACES
 
 pytestmark = pytest.mark.usefixtures("signals")
@@ -254,3 +255,11 @@ def test_intervals_are_those_of_the_t_distribution():
     assert 0.92 < held / 400 < 0.98
     assert np.isnan(_half_widths([group, group[:1]])).all()
     assert (_half_widths([np.ones((3, 2))]) == 0).all()
+
+
+def test_a_policy_without_a_seat_in_so_few_episodes_is_named(simulator, tmp_path):
+    small = ["arenas=2", "total_timesteps=64", "policy.rollout_steps=16", "policy.minibatch_size=16"]
+    run = ["train", "ferry/hybrid", "--run", str(tmp_path), "--simulator", simulator, *small]
+    assert joybridge(*run).status == 0
+    done = joybridge("evaluate", str(tmp_path), "--others", str(tmp_path), "--episodes", "1", "--simulator", simulator)
+    assert done.status == 1 and "in 1 episodes, others have held all seats of " in done.errors

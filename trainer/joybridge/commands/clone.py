@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from joybridge.client.command_line import add_game_options, add_own_game, say_next
+from joybridge.client.command_line import add_game_options, add_own_game, add_trust_option, say_next
 from joybridge.client.recording import load_recording
 from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import SimulatorSource, remember
@@ -65,6 +65,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "default %(default)s",
     )
     add_game_options(clones.add_argument_group("games"), "which the run remembers for those who play it")
+    add_trust_option(clones)
     clones.set_defaults(simulator=[])
     add_overrides(clones, "e.g. seed=3 policy.learning_rate=1e-3")
     return run_command(_clone, parse_overrides(parser, arguments))
@@ -81,7 +82,7 @@ def _clone(options: argparse.Namespace) -> None:
             f"`joybridge train {options.config} --demos {options.demos}`"
         )
     if given:
-        check_code_beside(find_config(options.config), given)
+        check_code_beside(find_config(options.config), given, trusted=options.trust_run)
     recorded = _read(options.demos)
     config = _config(given, overrides, recorded, options.demos)
     run = options.run or Path("runs") / run_name(config, "clone", overrides)

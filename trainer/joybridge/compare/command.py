@@ -5,7 +5,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from joybridge.client.command_line import add_simulator_options, check_simulator_options
+from joybridge.client.command_line import add_simulator_options, add_trust_option, check_simulator_options
 from joybridge.client.run_command import run_command
 from joybridge.compare.ranges import PRUNE_FROM, is_fixed
 from joybridge.compare.suites import SUITES
@@ -48,6 +48,7 @@ def parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     _add_page(compares.add_argument_group("page"))
     add_test_options(compares.add_argument_group("test"))
     add_simulator_options(compares)
+    add_trust_option(compares)
     add_overrides(compares, "keys that all variants share, e.g. total_timesteps=100000")
     options = parse_overrides(parser, arguments)
     for name in ("layouts", "tasks", "pairs"):  # overrides may stand behind them

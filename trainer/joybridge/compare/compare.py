@@ -74,6 +74,9 @@ def compare(options: argparse.Namespace) -> int:
     if (options.output / SEARCH).exists():
         raise ConfigError(f"{options.output} holds a search; name another folder with --output")
     add_own_game(options, [options.config, *options.also])
+    for file in (options.config, *options.also):
+        path = find_config(file)
+        check_code_beside(path, load_config(path, options.overrides), trusted=options.trust_run)
     grid = [("layout", options.layouts)] if options.layouts else []
     variants = make_variants(
         [options.config, *options.also],
@@ -83,8 +86,6 @@ def compare(options: argparse.Namespace) -> int:
     )
     if options.beside:
         variants += beside(variants, options.beside, options.game)
-    for file in (options.config, *options.also):
-        check_code_beside(path := find_config(file), load_config(path, options.overrides))
     for variant in variants:
         check_length(variant.config)
         check_unchanged(variant, options.output)

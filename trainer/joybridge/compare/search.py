@@ -56,7 +56,7 @@ def search(options: argparse.Namespace) -> int:
     path = find_config(options.config)
     add_own_game(options, [options.config])
     base = load_config(path, options.overrides)
-    check_code_beside(path, base)
+    check_code_beside(path, base, trusted=options.trust_run)
     ranges, variant = read_ranges(options.search, path, options.overrides), Variant(BASE, base)
     check(base, ranges, options.metric)
     if (kept := read_variants(options.output)) and BASE not in kept:

@@ -57,9 +57,12 @@ def check_code(run: Path, config: Config) -> None:
     raise untrusted(run, [f"import {', '.join(named)}"])
 
 
-def check_code_beside(path: Path, config: Config) -> None:
-    """Raise UntrustedRunError if a configuration is that of a run, and `check_code` refuses it."""
-    if has_checkpoint(path.parent):
+def check_code_beside(path: Path, config: Config, *, trusted: bool) -> None:
+    """Raise UntrustedRunError if a configuration is that of a run, and `check_code` refuses it.
+
+    trusted: the command line says to believe it.
+    """
+    if has_checkpoint(path.parent) and not trusted:
         check_code(path.parent, config)
 
 
