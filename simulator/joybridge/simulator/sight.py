@@ -13,7 +13,7 @@ from joybridge.contract.tensors import Array
 if TYPE_CHECKING:
     import pygame
 
-__all__ = ["fovea", "shrink"]
+__all__ = ["fovea", "gray", "shrink"]
 
 BEYOND = 20  # shade of what lies outside the picture
 LUMINANCE = (77, 150, 29)  # of red, green and blue, in 256ths, as in ITU-R BT.601
