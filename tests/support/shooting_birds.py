@@ -6,18 +6,10 @@ import numpy as np
 
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.tensors import Array
-from joybridge.games.shooting_birds import camera
 from joybridge.games.shooting_birds.game import ShootingBirds
-from joybridge.games.sight import SIGHT_OPTIONS
 
 HIT, MISS, DRY_SHOT, RELOAD, AIMED_HIT, AIMED_MISS = range(6)
-DEFAULTS = {
-    "rules": "original",
-    "locomotion": "unit_circle",
-    "level": "random",
-    "levels": "original",
-    "birds": "straight",
-} | {option.name: option.default_choice for option in [*camera.OPTIONS, *SIGHT_OPTIONS]}
+DEFAULTS = {option.name: option.default_choice for option in ShootingBirds.options}
 WEIGHTS = np.array([1, 1, 1, 1, 0, 0])
 NEAR = 1e-6  # of float32
 STILL = (0.0, 0.0)

@@ -83,6 +83,21 @@ def count_birds(arena):
 
 
 @compiled
+def write_position(arenas, world, position):
+    """Write where the camera of every arena is into `position` [arenas, 1]."""
+    for i in range(len(arenas)):
+        position[i, 0] = arenas[i].camera / MAX_CAMERA_X
+
+
+@compiled
+def write_hints(arenas, world, hints):
+    """Write which shares of the birds of every arena are beside the screen into `hints` [arenas, 2]."""
+    for i in range(len(arenas)):
+        left, _, right = count_birds(arenas[i])
+        hints[i, 0], hints[i, 1] = left / len(arenas[i].birds), right / len(arenas[i].birds)
+
+
+@compiled
 def end_rays_at_border(arena, rays):
     """Let `rays` [12, 3] report nothing that lies beyond the border of the screen."""
     place = arena.x - arena.camera

@@ -10,7 +10,7 @@ from joybridge.games import level_sets
 from joybridge.games.locomotion import LOCOMOTION_OPTION, LOCOMOTIONS
 from joybridge.games.pictures import Eye, Field, View
 from joybridge.games.pointer_game import PointerGame
-from joybridge.games.shooting_birds import camera, foes, generator, picture
+from joybridge.games.shooting_birds import camera, foes, generator, nearest, picture
 from joybridge.games.shooting_birds import rules as r
 from joybridge.games.shooting_birds.levels import FLIGHTS, LEVELS, OBSTACLES, build_obstacles, placements_of
 from joybridge.games.shooting_birds.sensing import NOTHING, OBSTACLE, RAYS, cast_rays, front
@@ -50,6 +50,7 @@ OPTIONS = [
     ),
     level_sets.LEVELS_OPTION,
     foes.BIRDS_OPTION,
+    nearest.OPTION,
     *camera.OPTIONS,
     *SIGHT_OPTIONS,
 ]
@@ -88,6 +89,12 @@ NUMBERS = [
     ),
 ]
 
+MORE_NUMBERS = {  # what writes the values of the sensors that options add, by their names
+    nearest.SENSOR.name: nearest.write_nearest,
+    camera.POSITION.name: camera.write_position,
+    camera.HINTS.name: camera.write_hints,
+}
+
 CHANNELS = [
     channel("hit", 1.0, "+0.25, +0.75 or +2 for a large, medium or small bird shot"),
     channel("miss", 1.0, "-0.1 for a shot at an obstacle or at nothing"),
@@ -119,8 +126,12 @@ class ShootingBirds(PointerGame):
     def numbers(cls, options: Mapping[str, str]) -> list[pb.Sensor]:
         """Return the sensors of the observation "state", without that of the locomotion."""
         moves = options["camera"] != "fixed"
-        position = [camera.POSITION] if moves and options["camera_position"] == "shown" else []
-        return [*NUMBERS, *position, *([camera.HINTS] if moves and options["hints"] == "on" else [])]
+        return [
+            *NUMBERS,
+            *([nearest.SENSOR] if options["nearest_birds"] == "shown" else []),
+            *([camera.POSITION] if moves and options["camera_position"] == "shown" else []),
+            *([camera.HINTS] if moves and options["hints"] == "on" else []),
+        ]
 
     @classmethod
     def views(cls, options: Mapping[str, str]) -> dict[str, View]:
@@ -243,8 +254,8 @@ class ShootingBirds(PointerGame):
     def write_numbers(self, arenas: Array, *values: Array) -> None:
         """Write the values of every sensor of numbers."""
         _observe(arenas, self.world, *values[: len(NUMBERS)])
-        if len(values) > len(NUMBERS):
-            _observe_camera(arenas, values[len(NUMBERS)], values[-1])
+        for described, written in zip(self._numbers[len(NUMBERS) :], values[len(NUMBERS) :], strict=True):
+            MORE_NUMBERS[described.name](arenas, self.world, written)
 
     def paint(self, arenas: Array, eye: Eye, cursor: bool, images: Array) -> None:
         """Paint what the agents see."""
@@ -313,14 +324,3 @@ def _observe(arenas, world, gun, crosshair, rays, hovered):
             camera.end_rays_at_border(arena, rays[i])
         target = front(arena, obstacles)
         hovered[i, 0] = -1.0 if target == OBSTACLE else (0.0 if target == NOTHING else 1.0)
-
-
-@compiled
-def _observe_camera(arenas, position, hints):
-    """Write the sensors of the camera of every arena; one that is not shown is given as the other."""
-    for i in range(len(arenas)):
-        left, _, right = camera.count_birds(arenas[i])
-        if hints.shape[1] == 2:
-            hints[i, 0], hints[i, 1] = left / r.BIRDS, right / r.BIRDS
-        if position.shape[1] == 1:
-            position[i, 0] = arenas[i].camera / camera.MAX_CAMERA_X
