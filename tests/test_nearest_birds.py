@@ -20,7 +20,7 @@ def new_game(arenas: int = 1, **options: str) -> Any:
 
 def empty_sky(**options: str) -> Any:
     """Return a game of one arena whose crosshair is in the middle and whose birds are all above the screen."""
-    game = new_game(**options)
+    game = new_game(1, **options)
     game.arenas.x = game.arenas.y = game.arenas.camera = 0.0
     game.arenas.birds.x, game.arenas.birds.y, game.arenas.birds.wait = 0.0, 12.0, 0
     game.arenas.birds.z = -1.0  # in front of everything

@@ -43,11 +43,11 @@ def write_nearest(arenas, world, birds):
             if on_screen and not covered(bird.x, bird.y, bird.z, arena.level, world.obstacles):
                 distances[j] = (bird.x - arena.x) ** 2 + (bird.y - arena.y) ** 2
         for place in range(COUNT):
-            j = np.argmin(distances)
-            if distances[j] == np.inf:
+            nearest = np.argmin(distances)
+            if distances[nearest] == np.inf:
                 break
-            distances[j] = np.inf
-            bird = arena.birds[j]
+            distances[nearest] = np.inf
+            bird = arena.birds[nearest]
             birds[i, place, 0] = 1.0
             birds[i, place, 1], birds[i, place, 2] = (bird.x - arena.x) / UNIT, (bird.y - arena.y) / UNIT
             birds[i, place, 3], birds[i, place, 4] = bird.vx / UNIT, bird.vy / UNIT
