@@ -5,9 +5,11 @@ python -m tools.worlds foes FOLDER       writes results/foes, from runs of
         --set options.birds=straight,dodging,blinking --seeds 3 --output FOLDER total_timesteps=3000000
 python -m tools.worlds cameras FOLDER    writes results/cameras, from runs of
     joybridge compare shooting_birds/fast --layouts bucket-11 hybrid multiagent \
-        --set options.camera=edge,axis,drag --seeds 3 --output FOLDER total_timesteps=3000000 stratify_by=null
+        --set options.camera=edge,axis,drag --seeds 3 --output FOLDER/rays total_timesteps=3000000 stratify_by=null
+    and of the same with --output FOLDER/birds, total_timesteps=6000000, and
+        options.nearest_birds=shown options.hints=on options.locomotion=axes
 
-Without FOLDER, the page is written again from the metrics in its folder.
+Without FOLDER, or what it lacks, the page is written again from the metrics in its own folder.
 """
 
 import argparse
@@ -41,6 +43,11 @@ ORIGIN = (
 WIDTH = 118  # of the lines of a page
 DRAWS = 10_000  # of the bootstrap of a rank correlation
 EPISODES = 210  # of the scripted player
+CAMERAS = {  # comparisons of the page about cameras
+    "birds": "Who sees where the nearest birds on the screen are, how they fly, and how many are beside it (the "
+    "options `nearest_birds` and `hints`), and moves the crosshair along x and y",
+    "rays": "Who sees rays, as in the paper's game, and moves the crosshair by an angle and a speed",
+}
 
 
 class Scores(NamedTuple):
@@ -139,24 +146,26 @@ def travel(camera: str) -> float:
 
 def cameras(folder: Path) -> str:
     """Return the page about cameras."""
-    worlds, timesteps = read_scores(folder)
-    rows = []
-    for camera in ("edge", "axis", "drag"):
-        scripted = travel(camera)
-        for name, scores in worlds[camera].items():
-            share = scores.text(scripted, 2)
-            rows.append([camera, f"{scripted:.1f}", f"`{name}`", share, f"{scores.mean('empty_screen'):.1%}"])
+    scripted = {camera: travel(camera) for camera in ("edge", "axis", "drag")}
+    parts = []
+    for part, who in CAMERAS.items():
+        worlds, timesteps = read_scores(folder / part)
+        rows = [
+            [camera, f"{reward:.1f}", f"`{name}`", scores.text(reward, 2), f"{scores.mean('empty_screen'):.1%}"]
+            for camera, reward in scripted.items()
+            for name, scores in worlds[camera].items()
+        ]
+        parts += [
+            fill(f"{who}, after {timesteps:,} timesteps:", WIDTH),
+            table(["camera", "scripted player", "layout", "share of it", "empty screen"], rows),
+        ]
     introduction = (
-        f"A field three screens wide, with {SETTINGS.format(timesteps=timesteps)}. The share is the reward of the last "
+        "A field three screens wide, with the settings of `shooting_birds/fast`. The share is the reward of the last "
         "600,000 timesteps, divided by that of a scripted player that knows where all birds are and travels with the "
         f"same camera ({EPISODES} episodes): interquartile mean of the runs with its 95 % bootstrap interval, and each "
         f"run. The empty screen is the part of the time without a bird on the screen. {ORIGIN.format(page='cameras')}"
     )
-    return page(
-        "Which camera can be learned?",
-        fill(introduction, WIDTH),
-        table(["camera", "scripted player", "layout", "share of it", "empty screen"], rows),
-    )
+    return page("Which camera can be learned?", fill(introduction, WIDTH), *parts)
 
 
 def page(title: str, *parts: str) -> str:
@@ -165,6 +174,7 @@ def page(title: str, *parts: str) -> str:
 
 
 PAGES: dict[str, Callable[[Path], str]] = {"foes": foes, "cameras": cameras}
+PARTS = {"foes": ["."], "cameras": list(CAMERAS)}  # folders of comparisons, below that of the page
 
 
 def main() -> None:
@@ -174,9 +184,10 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", help="of the runs of `joybridge compare`")
     arguments = parser.parse_args()
     folder = RESULTS / arguments.page
-    folder.mkdir(parents=True, exist_ok=True)
-    if arguments.folder:
-        shutil.copy(arguments.folder / TABLE, folder / TABLE)
+    for part in PARTS[arguments.page]:
+        (folder / part).mkdir(parents=True, exist_ok=True)
+        if arguments.folder and (arguments.folder / part / TABLE).exists():
+            shutil.copy(arguments.folder / part / TABLE, folder / part / TABLE)
     (folder / "README.md").write_text(PAGES[arguments.page](folder), encoding="utf-8")
 
 
