@@ -1,11 +1,11 @@
 """How well policies play levels that they have not seen: trains on sets of levels, writes results/generalization.
 
-python -m tools.generalization FOLDER [--levels 7 50 200 1000 1000000] [--seeds 3] [--timesteps 18000000]
+python -m tools.generalization FOLDER
 
-A run for each number of levels of the training set and each seed is trained in the folder with shooting_birds/fast, and
-played on its own levels, on 1,000 levels of the test set, and on the seven levels of the paper; CHANGES are trained on
-50 levels. Finished parts are not repeated. Scores are shares of what the scripted player earns on the same levels, so
-that easy and hard ones can be compared.
+Policies are trained in the folder with shooting_birds/fast, on so many levels of the training set, and play their own
+levels, 1,000 levels of the test set, and the seven levels of the paper. What rewards.csv beside the page has already is
+neither trained nor played again. Scores are shares of what the scripted player earns on the same levels, so that easy
+and hard ones can be compared.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
 
@@ -27,16 +28,18 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 
 UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
+SEEDS = (1, 2, 3)
+COUNTS = (7, 50, 200, 1000, 1_000_000)  # of levels to train on
+CHANGED, UNLIMITED = 50, 1_000_000  # levels of the runs with changes, and of those that see birds
 PAGE = Path(__file__).parents[1] / "results" / "generalization" / "README.md"
 CONFIG = "shooting_birds/fast"
-GENERATED = ["stratify_by=null", "options.levels=generated"]
-PAPER = ["options.levels=original"]
-CHANGES = {  # of runs on 50 levels
+SHORT, LONG = 3_000_000, 18_000_000  # timesteps
+BIRDS = ["options.nearest_birds=shown", "options.locomotion=axes"]
+CHANGES = {
     "three times the entropy bonus": ["policy.entropy_coef=0.03"],
     "weight decay of 0.1": ["policy.weight_decay=0.1"],
     "actor and critic apart": ["policy.shared_body=false"],
 }
-CHANGED = 50
 
 
 def joybridge(*arguments: str) -> str:
@@ -45,17 +48,10 @@ def joybridge(*arguments: str) -> str:
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def levels(first: int, count: int) -> list[str]:
-    """Return the settings that choose some levels."""
-    return [f"parameters.first_level={first}", f"parameters.level_count={count}"]
-
-
-def reward(run: Path, name: str, settings: Sequence[str]) -> float:
-    """Return the mean reward of a run's policy under some settings; it is kept in the run's folder under a name."""
-    known = run / f"reward-{name}.json"
-    if not known.exists():
-        known.write_text(joybridge("evaluate", str(run), *settings, "--episodes", str(EPISODES), "--json"))
-    return means_and_episodes(known)["reward"]
+def generated(count: int, timesteps: int) -> list[str]:
+    """Return the settings of training on so many generated levels."""
+    levels = ["stratify_by=null", "options.levels=generated", f"parameters.level_count={count}"]
+    return [*levels, f"total_timesteps={timesteps}"]
 
 
 def scripted(first: int, count: int) -> float:
@@ -65,101 +61,107 @@ def scripted(first: int, count: int) -> float:
     return float(script.play(game).mean())
 
 
-def trained(run: Path, settings: Sequence[str]) -> Path:
-    """Return the folder of a run, which is trained now if it is not finished."""
-    if not (run / "finished").exists():
-        begun = (run / "config.yaml").exists()
-        joybridge("train", CONFIG, "--run", str(run), *(["--resume"] if begun else settings))
-        (run / "finished").touch()
-    return run
-
-
-def cell(scores: Sequence[float]) -> str:
-    """Return the interquartile mean of some runs with its interval; a single run has none."""
+def cell(scores: Sequence[float], digits: int = 2) -> str:
+    """Return the interquartile mean of some runs with its interval."""
     found = estimate(interquartile_mean, np.array(scores)[:, None])
-    return f"{found.value:.2f}" + (f" [{found.low:.2f}, {found.high:.2f}]" if len(scores) > 1 else "")
-
-
-def write_rewards(folder: Path) -> None:
-    """Write a row for each evaluation of the runs in a folder beside the page."""
-    rows = [
-        {"run": path.parent.name, "levels": path.stem.removeprefix("reward-"), **means_and_episodes(path)}
-        for path in sorted(folder.glob("*/reward-*.json"))
-    ]
-    with (PAGE.parent / "rewards.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def means_and_episodes(evaluation: Path) -> dict[str, float]:
-    """Return the mean reward of an evaluation, and of how many episodes it is."""
-    (policy,) = json.loads(evaluation.read_text().splitlines()[-1]).values()
-    return {"reward": policy["means"]["reward"], "episodes": policy["episodes"]}
+    return f"{found.value:.{digits}f} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
 
 
 class Study:
-    """The runs in a folder."""
+    """The runs in a folder, and the rewards that are known of them."""
 
-    def __init__(self, folder: Path, seeds: int, timesteps: int) -> None:
+    def __init__(self, folder: Path) -> None:
         """Train nothing yet."""
-        self.folder, self.seeds, self.timesteps = folder, range(1, seeds + 1), timesteps
+        self.folder, self.table = folder, PAGE.parent / "rewards.csv"
+        with self.table.open(encoding="utf-8", newline="") as file:
+            self.known = {(row["run"], row["levels"]): row for row in csv.DictReader(file)}
         self.first = SETS["test"].start
         self.unseen = scripted(self.first, UNSEEN)
 
-    def runs(self, name: str, settings: Sequence[str]) -> list[Path]:
-        """Return the runs of all seeds, trained."""
-        end = f"total_timesteps={self.timesteps}"
-        return [trained(self.folder / f"{name}-{seed}", [*settings, f"seed={seed}", end]) for seed in self.seeds]
+    def rewards(self, name: str, settings: Sequence[str], levels: str) -> list[float]:
+        """Return the mean reward of the policy of each seed on some levels: FIRST-COUNT, or the paper's."""
+        runs = [f"{name}-{seed}" for seed in SEEDS]
+        for seed, run in zip(SEEDS, runs, strict=True):
+            if (run, levels) not in self.known:
+                self._train(self.folder / run, [*settings, f"seed={seed}"])
+                self._evaluate(run, levels)
+        return [float(self.known[run, levels]["reward"]) for run in runs]
 
-    def shares(self, runs: Sequence[Path], count: int) -> list[str]:
+    def shares(self, name: str, settings: Sequence[str], count: int) -> list[str]:
         """Return the cells of runs on so many levels: their score on these, and on levels that they have not seen."""
         own = scripted(0, count)
-        seen = [reward(run, f"0-{count}", levels(0, count)) / own for run in runs]
-        new = [reward(run, f"{self.first}-{UNSEEN}", levels(self.first, UNSEEN)) / self.unseen for run in runs]
+        seen = [reward / own for reward in self.rewards(name, settings, f"0-{count}")]
+        new = [reward / self.unseen for reward in self.rewards(name, settings, f"{self.first}-{UNSEEN}")]
         gaps = [1 - after / before for before, after in zip(seen, new, strict=True)]
         return [cell(seen), cell(new), cell(gaps)]
 
-    def rewards_on_the_papers_levels(self, runs: Sequence[Path]) -> str:
-        """Return the cell of the rewards of runs on the seven levels of the paper."""
-        found = estimate(interquartile_mean, np.array([[reward(run, "paper", PAPER)] for run in runs]))
-        return f"{found.value:.0f}" + (f" [{found.low:.0f}, {found.high:.0f}]" if len(runs) > 1 else "")
+    def _train(self, run: Path, settings: Sequence[str]) -> None:
+        """Train a run, unless it is finished."""
+        if not (run / "finished").exists():
+            begun = (run / "config.yaml").exists()
+            joybridge("train", CONFIG, "--run", str(run), *(["--resume"] if begun else settings))
+            (run / "finished").touch()
+
+    def _evaluate(self, run: str, levels: str) -> None:
+        """Play some levels with the policy of a run, and write the table."""
+        settings = ["options.levels=original"]
+        if levels != "paper":
+            first, count = levels.split("-")
+            settings = [f"parameters.first_level={first}", f"parameters.level_count={count}"]
+        found = joybridge("evaluate", str(self.folder / run), *settings, "--episodes", str(EPISODES), "--json")
+        (policy,) = json.loads(found.splitlines()[-1]).values()
+        reward, episodes = policy["means"]["reward"], policy["episodes"]
+        self.known[run, levels] = {"run": run, "levels": levels, "reward": reward, "episodes": episodes}
+        with self.table.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, ["run", "levels", "reward", "episodes"], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.known[key] for key in sorted(self.known))
+
+
+def page(study: Study) -> str:
+    """Return the page, after training and playing what is missing."""
+    rows = []
+    for count in COUNTS:
+        name, settings = f"levels-{count}", generated(count, SHORT)
+        rewards = study.rewards(name, settings, "paper")
+        rows.append([f"{count:,}", *study.shares(name, settings, count), cell(rewards, 0)])
+    specialists = cell(study.rewards("paper", [f"total_timesteps={SHORT}"], "paper"), 0)
+    changed = [["none", *study.shares(f"levels-{CHANGED}", generated(CHANGED, SHORT), CHANGED)]]
+    for change, settings in CHANGES.items():
+        name = f"levels-{CHANGED}-{change.replace(' ', '-')}"
+        changed.append([change, *study.shares(name, [*generated(CHANGED, SHORT), *settings], CHANGED)])
+    known = study.rewards("birds-paper", [f"total_timesteps={LONG}", *BIRDS], "paper")
+    unlimited = study.rewards(f"birds-levels-{UNLIMITED}", [*generated(UNLIMITED, LONG), *BIRDS], "paper")
+    seeing = [
+        [levels, cell(rewards, 0), cell([reward / fmean(known) for reward in rewards])]
+        for levels, rewards in {"the paper's seven": known, f"{UNLIMITED:,}": unlimited}.items()
+    ]
+    head = ["on these levels", "on unseen levels", "gap"]
+    return (
+        "# Levels that were not seen\n\n"
+        f"Policies of `{CONFIG}` after {SHORT:,} timesteps on generated levels of the training set, and\n"
+        f"what they earn on these levels and on {UNSEEN:,} levels of the test set, as a share of what the scripted\n"
+        f"player earns on the same levels ({study.unseen:.0f} on the unseen ones). The gap is what is lost of the\n"
+        f"first share. Each policy samples its actions in {EPISODES} episodes of each set. Runs per row:\n"
+        f"{len(SEEDS)}; the interquartile mean with its 95 % bootstrap interval. Written by\n"
+        "`python -m tools.generalization` in a checkout; rewards.csv has the mean reward of every run in every set.\n\n"
+        + table(["levels trained on", *head, "reward on the paper's seven"], rows)
+        + f"\n\nPolicies that were trained on the paper's seven levels for as long earn {specialists} there.\n\n"
+        "## For longer, by who sees birds\n\n"
+        f"After {LONG:,} timesteps, with the options `nearest_birds: shown` and `locomotion: axes`. The share is of\n"
+        "what those earn that were trained on the paper's seven levels.\n\n"
+        + table(["levels trained on", "reward on the paper's seven", "share"], seeing)
+        + f"\n\n## Changes, on {CHANGED} levels\n\n"
+        + table(["change", *head], changed)
+        + "\n"
+    )
 
 
 def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Train on some levels, play others.")
     parser.add_argument("folder", type=Path, help="of the runs")
-    parser.add_argument("--levels", type=int, nargs="+", default=[7, CHANGED, 200, 1000, 1_000_000])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--timesteps", type=int, default=18_000_000)
-    arguments = parser.parse_args()
-    study = Study(arguments.folder, arguments.seeds, arguments.timesteps)
-    rows = []
-    for count in arguments.levels:
-        runs = study.runs(f"levels-{count}", [*GENERATED, f"parameters.level_count={count}"])
-        rows.append([f"{count:,}", *study.shares(runs, count), study.rewards_on_the_papers_levels(runs)])
-    specialists = study.rewards_on_the_papers_levels(study.runs("paper", []))
-    changed = []
-    for name, change in {"none": [], **CHANGES}.items():
-        base = f"levels-{CHANGED}" + (f"-{name.replace(' ', '-')}" if change else "")
-        runs = study.runs(base, [*GENERATED, f"parameters.level_count={CHANGED}", *change])
-        changed.append([name, *study.shares(runs, CHANGED)])
-    head = ["on these levels", "on unseen levels", "gap"]
-    write_rewards(arguments.folder)
-    PAGE.write_text(
-        "# Levels that were not seen\n\n"
-        f"Policies of `{CONFIG}` after {arguments.timesteps:,} timesteps on generated levels of the training set, and\n"
-        f"what they earn on these levels and on {UNSEEN:,} levels of the test set, as a share of what the scripted\n"
-        f"player earns on the same levels ({study.unseen:.0f} on the unseen ones). The gap is what is lost of the\n"
-        f"first share. Each policy samples its actions in {EPISODES} episodes of each set. Runs per row:\n"
-        f"{arguments.seeds}; the interquartile mean with its 95 % bootstrap interval. Written by\n"
-        "`python -m tools.generalization` in a checkout; rewards.csv has the mean reward of every run in every set.\n\n"
-        + table(["levels trained on", *head, "reward on the paper's seven"], rows)
-        + f"\n\nPolicies that were trained on the paper's seven levels for as long earn {specialists} there.\n\n"
-        f"## Changes, on {CHANGED} levels\n\n" + table(["change", *head], changed) + "\n",
-        encoding="utf-8",
-    )
+    PAGE.write_text(page(Study(parser.parse_args().folder)), encoding="utf-8")
 
 
 if __name__ == "__main__":
