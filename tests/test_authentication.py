@@ -123,6 +123,8 @@ def test_a_certificate_without_its_key_is_refused(files):
 def test_a_host_that_does_not_exist_is_named():
     with pytest.raises(OSError, match=r"there is no host 'nowhere\.invalid'"):
         is_local("nowhere.invalid:5005")
+    with pytest.raises(OSError, match=r"there is no host 'a\.\.b'"):
+        is_local("a..b:5005")
 
 
 @pytest.mark.parametrize("text", ["unix:", "unix:5", "host", "host:", ":5005", "host:65536", "host:-1"])

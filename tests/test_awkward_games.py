@@ -130,7 +130,7 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved_and_
     arrays, manifest = load_checkpoint(tmp_path)
     assert 150 < manifest.timesteps < 200
     assert all(np.isfinite(array).all() for name, array in arrays.items() if "/network." in name)
-    assert replay(["replay", str(tmp_path / "faults/arenas-0-1.fault"), "--simulator", awkward]) == 0
+    assert replay(["replay", str(tmp_path / "faults/generous-0-1.fault"), "--simulator", awkward]) == 0
     said = capsys.readouterr()
     assert f"the fault was: {caught.value}\n" in said.err
     assert "60 steps are as they were recorded, and none fails" in said.out

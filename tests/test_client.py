@@ -4,6 +4,7 @@ import asyncio
 import gc
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,7 +18,7 @@ import pytest
 
 from joybridge.client import client, interruptible_loop, local_stream, stream
 from joybridge.client.calls import CALL_SECONDS
-from joybridge.client.client import Session, SimulatorError, SimulatorLost, Transport, describe, wait_for
+from joybridge.client.client import Session, SimulatorError, SimulatorLost, Transport, describe, list_games, wait_for
 from joybridge.client.errors import SimulatorShutDown
 from joybridge.client.launch import simulator_process
 from joybridge.contract.versions import own_version
@@ -229,6 +230,82 @@ def test_a_response_that_was_not_asked_for_ends_the_session_instead_of_answering
             SimulatorError, match=r"a response without a request \(gauntlet, arenas 0 to 2, after \d+ steps\)"
         ):
             play()
+
+
+class PaysAtTheStart(Honest):
+    def first(self, step):
+        rewards = step.behaviors[0].rewards
+        rewards.data = np.ones(rewards.shape, np.float32).tobytes()
+
+
+class TakesForEver(Honest):
+    def later(self, step):
+        step.simulate_seconds = float("-inf")
+
+
+class NamesNoSocket(Honest):
+    def answer(self, request):
+        response = super().answer(request)
+        if response.HasField("started"):
+            response.started.local_socket = "/tmp/a\0b"
+        return response
+
+
+@pytest.mark.parametrize(
+    ("kind", "problem"),
+    [(PaysAtTheStart, "rewards are paid, before the first decision"), (TakesForEver, "simulate_seconds is -inf")],
+)
+def test_steps_that_cannot_be_true_are_refused(kind, problem):
+    with (
+        serving(BrokenServer(set(), session=kind)) as address,
+        pytest.raises(SimulatorError, match=problem),
+        Session(address, "gauntlet", arenas=3, seed=0) as session,
+    ):
+        session.step(make_acts(session.spec, 3))
+
+
+def test_a_path_that_names_no_socket_leaves_the_session_on_its_stream():
+    with serving(BrokenServer(set(), session=NamesNoSocket)) as address:
+        with Session(address, "gauntlet", arenas=3, seed=0) as session:
+            session.step(make_acts(session.spec, 3))
+        with pytest.raises(SimulatorError, match="no local transport"):
+            Session(address, "gauntlet", arenas=3, seed=0, transport="local")
+
+
+@pytest.mark.parametrize("names", [[], [""], ["a\x1b]0;owned\x07"], ["b\nerror: no"], ["a", "b" * 101]])
+def test_games_whose_names_are_no_names_are_refused(names):
+    response = pb.ListGamesResponse(games=[pb.GameSummary(name=name) for name in names])
+    with (
+        answering_methods(ListGames=lambda *_: response.SerializeToString()) as address,
+        pytest.raises(SimulatorError, match=f"sent {len(names)} games, expected at least one, with printable"),
+    ):
+        list_games(address)
+
+
+def test_what_stays_on_this_machine_takes_no_proxy(address, monkeypatch):
+    with socket.socket() as bound:  # nobody listens there
+        bound.bind(("127.0.0.1", 0))
+        monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{bound.getsockname()[1]}")
+        monkeypatch.delenv("no_proxy", raising=False)
+        assert "marble" in list_games(address)
+
+
+def test_a_value_ends_the_distribution_of_its_parameter(address):
+    size = pb.Distribution(uniform=pb.Interval(low=0.5, high=2.0))
+    with Session(address, "archer", arenas=2, seed=0, distributions={"size": size}) as session:
+        acts = make_acts(session.spec, 2)
+
+        def ended():
+            while not len(session.step(acts)[0].ended):
+                pass
+            return session.steps[0].parameters
+
+        assert ended().shape == (2, 1)
+        session.reset(parameters={"size": 1.0})
+        assert ended() is None
+        session.distribute({"size": size})
+        session.step(acts)
+        assert ended().shape == (2, 1)
 
 
 class OfRevision1(Honest):

@@ -86,6 +86,13 @@ def test_rows_without_the_metric_are_left_out_and_others_must_be_finite(tmp_path
     path.write_text("timesteps,reward\n100,nan\n")
     with pytest.raises(CheckpointError, match=r"run-s0.csv: reward is nan after 100 timesteps, expected a finite"):
         read()
+    path.write_text("timesteps,reward\n200,1\n100,1\n")
+    with pytest.raises(CheckpointError, match=r"run-s0.csv: its rows are not in the order of their timesteps"):
+        read()
+    for row, problem in (("inf,1,1", "timesteps is inf"), ("9,nan,1", "episodes is nan"), ("9,-1,1", "episodes is -1")):
+        path.write_text(f"timesteps,episodes,reward\n{row}\n")
+        with pytest.raises(CheckpointError, match=rf"is no file of metrics \({problem}\)"):
+            read()
     path.write_text("timesteps,length\n100,\n")
     with pytest.raises(ConfigError, match="has no reward: no episode ended; lengthen the runs"):
         read()

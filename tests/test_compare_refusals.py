@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("signals")
     [
         (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
         (["--over", "parameters.sise=1,2"], "--over got parameters.sise; archer has options.observation=screen, "),
+        (["--over", "options.observation=no,state"], "--over got options.observation=no; archer has options.observ"),
         (["--over", "policy.gamma=0.5,1"], "--over got 'policy.gamma=0.5,1', expected options.NAME=CHOICE"),
         (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
         (
@@ -187,6 +188,9 @@ def test_other_arguments_of_another_trainer_are_another_comparison(tmp_path):
     with pytest.raises(ConfigError, match=r'holds runs with --ppo {"gamma": 0.9}, not {}; repeat'):
         keep_peer_arguments(given("{}"))
     keep_peer_arguments(given("{}", beside=False))
+    for text in ("{bad", "[1]"):
+        with pytest.raises(ConfigError, match=r"--ppo got .*, expected a JSON object"):
+            keep_peer_arguments(given(text))
 
 
 def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():

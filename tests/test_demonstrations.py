@@ -204,6 +204,14 @@ def test_a_game_may_pay_other_rewards_than_when_it_was_recorded(tmp_path, simula
     assert learned is not None and len(learned)
 
 
+def test_what_was_played_with_parameters_that_are_drawn_can_be_learned_from(tmp_path, simulator):
+    size = pb.Distribution(uniform=pb.Interval(low=0.5, high=2.0))
+    file = record(tmp_path, simulator, "archer", decisions=400, distributions={"size": size})
+    demonstration = load_demonstration(file, None)
+    ends = [steps[0].parameters for stretch in demonstration.stretches for steps in stretch.steps]
+    assert any(values is not None and values.shape[1] == 1 for values in ends)
+
+
 @pytest.mark.parametrize("lane", [0.5, 1.0, True, "0", None, -1, 2])
 def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
     with Session(simulator, "hybrid", arenas=2, seed=1) as session:
@@ -214,8 +222,29 @@ def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
     first, *records = _records(file)
     writer = Writer(json.loads(first))
     file.write_bytes(writer.first_line + writer.encode([Record(Kind.HELD, json.dumps([[lane]]).encode()), *records]))
-    with pytest.raises(RecordingError, match="breaks the contract"):
+    with pytest.raises(RecordingError, match=r"is no recorded session|breaks the contract"):
         load_demonstration(file, described)
+
+
+@pytest.mark.parametrize("held", [{}, {"": 1}, [], [1], [{}], "", 0, False])
+def test_lanes_that_are_no_lists_are_refused(held, tmp_path, demos):
+    first, *records = _records(demos / "hybrid-0001.demo")
+    file, writer = tmp_path / "held.demo", Writer(json.loads(first))
+    file.write_bytes(writer.first_line + writer.encode([Record(Kind.HELD, json.dumps(held).encode()), *records]))
+    with pytest.raises(RecordingError, match=r"held\.demo (is no recorded session|breaks the contract)"):
+        load_demonstration(file, None)
+
+
+def test_decisions_that_are_discarded_again_and_again_are_read_as_quickly_as_others(tmp_path, demos):
+    first, *records = _records(demos / "hybrid-0001.demo")
+    file, writer = tmp_path / "discarded.demo", Writer(json.loads(first))
+    discards = [Record(Kind.DISCARDED, recording.COUNT.pack(count)) for count in (2, 1, 2**32 - 1)]
+    file.write_bytes(writer.first_line + writer.encode([*records, discards[1], *discards[:1], *records[1:3]]))
+    held = [exchange.held for exchange in load_recording(file).exchanges]
+    assert held[-3:-1] == [[[]]] * 2 and held[-1] is None and not any(held[:-3])
+    writer = Writer(json.loads(first))
+    file.write_bytes(writer.first_line + writer.encode([*records, *[discards[2]] * 100_000]))
+    assert all(exchange.held == [[]] for exchange in load_recording(file).exchanges)
 
 
 @pytest.mark.parametrize("asked", [pb.PlayRequest(), pb.PlayRequest(act=pb.Act())], ids=["nothing", "an empty act"])

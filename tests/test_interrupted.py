@@ -247,6 +247,6 @@ def test_a_training_goes_on_says_how_many_episodes_were_cut_and_ends_in_the_same
     assert all(row["depth"] == 60.0 and row["length"] == 60.0 for row in rows[0])
     one, other = (load_checkpoint(tmp_path / name)[0] for name in ("one", "other"))
     assert all(array.tobytes() == other[name].tobytes() for name, array in one.items())
-    fault = tmp_path / "other" / "faults" / "arenas-0-1.fault"
+    fault = tmp_path / "other" / "faults" / "brittle-0-1.fault"
     with pytest.raises(FaultFound, match=r"step 1\d\d\d fails: the game failed in arenas \[[01]\]"):
         replay(simulator, load_recording(fault))

@@ -98,7 +98,7 @@ def test_what_a_run_of_a_stranger_names_cannot_write_to_the_terminal(run):
     assert r"start \x1b]0;owned\x07:X" in joybridge("evaluate", "run").errors
 
 
-@pytest.mark.parametrize("signature", [None, "", "0" * 64, 7, ["x"], {"a": 1}, "ü"])
+@pytest.mark.parametrize("signature", [None, "", "0" * 64, 7, ["x"], {"a": 1}, "ü", "\ud800"])
 def test_no_signature_of_somebody_else_is_believed(signature, run):
     noted(run, games=[GAME], signature=signature)
     with pytest.raises(UntrustedRunError):

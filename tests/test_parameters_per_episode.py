@@ -160,6 +160,7 @@ def opened(**fields):
         (choice(), pb.REASON_WRONG_DISTRIBUTION, "0 values, expected 1 to 100"),
         (choice(*[1.0] * 101), pb.REASON_WRONG_DISTRIBUTION, "101 values"),
         (choice(float("nan")), pb.REASON_PARAMETER_OUT_OF_RANGE, "got nan"),
+        (log_uniform(1e-300, 1e10), pb.REASON_WRONG_DISTRIBUTION, "expected numbers whose ratio is finite"),
         (log_uniform(-1.0, 1.0), pb.REASON_WRONG_DISTRIBUTION, "low -1, expected more than 0"),
     ],
 )

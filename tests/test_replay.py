@@ -51,7 +51,7 @@ def lost_session(folder, decisions, *, saved_after=None):
                 session.reset(seed=9, parameters={"drift": 0.5})
     with session, pytest.raises(SimulatorLost):
         session.step(gauntlet_acts(decisions))
-    return load_recording(folder / "arenas-5-6.fault")
+    return load_recording(folder / "gauntlet-5-6.fault")
 
 
 @pytest.mark.promise("O2")
@@ -63,7 +63,7 @@ def test_a_game_that_fails_fails_again_in_the_same_step(simulator, tmp_path, cap
         session.receive()
         with pytest.raises(SimulatorError, match="ZeroDivisionError"):
             session.step(presses())
-    file = tmp_path / "faults" / "arenas-0-1.fault"
+    file = tmp_path / "faults" / "raises-0-1.fault"
     assert f"`joybridge replay {file}` repeats it" in caplog.text
     assert main(["replay", str(file), "--simulator", simulator]) == 1
     said = capsys.readouterr().err
@@ -75,7 +75,7 @@ def test_a_lost_session_is_repeated_to_its_end(tmp_path, capsys):
     recording = lost_session(tmp_path, 6)
     with serving(HONEST) as address:
         assert replay(address, recording) == 7  # with the decision that was not answered
-        assert main(["replay", str(tmp_path / "arenas-5-6.fault"), "--simulator", address]) == 0
+        assert main(["replay", str(tmp_path / "gauntlet-5-6.fault"), "--simulator", address]) == 0
     assert "7 steps are as they were recorded, and none fails" in capsys.readouterr().out
 
 
@@ -102,7 +102,7 @@ def test_a_step_that_breaks_the_contract_is_recorded(tmp_path):
             with pytest.raises(SimulatorError, match="expected finite numbers"):
                 session.step(gauntlet_acts(0))
         with pytest.raises(FaultFound, match=r"step 1 fails: .* expected finite numbers"):
-            replay(address, load_recording(tmp_path / "arenas-0-1.fault"))
+            replay(address, load_recording(tmp_path / "gauntlet-0-1.fault"))
 
 
 def test_a_log_that_is_too_long_is_given_up(simulator, tmp_path, monkeypatch, caplog):
@@ -183,4 +183,4 @@ def test_training_records_the_faults_of_its_sessions_if_asked_to(simulator, tmp_
     for record_faults in (False, True):
         with pytest.raises(SimulatorError, match="ZeroDivisionError"):
             train(config, tmp_path / "run", [simulator], resume=False, record_faults=record_faults)
-        assert (tmp_path / "run" / "faults" / "arenas-0-1.fault").exists() == record_faults
+        assert (tmp_path / "run" / "faults" / "raises-0-1.fault").exists() == record_faults

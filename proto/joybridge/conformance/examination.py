@@ -109,8 +109,9 @@ def _port(address: str) -> str:
         else:
             host, _, port = address.rpartition(":")
             socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
-    except socket.gaierror as error:
-        raise Violation(f"the name in {address} has no address ({error.strerror})", "a name or number") from error
+    except (socket.gaierror, UnicodeError) as error:  # UnicodeError: no name of a host can be written so
+        why = getattr(error, "strerror", error)
+        raise Violation(f"the name in {address} has no address ({why})", "a name or number") from error
     except TimeoutError as error:
         text = f"{address} did not answer within {CONNECT_SECONDS:g} s"
         raise Violation(text, "a connection: is the host up, and is there a firewall?") from error

@@ -36,6 +36,6 @@ def is_local(address: str) -> bool:
     host = address.rpartition(":")[0].removeprefix("[").removesuffix("]")
     try:
         found = {str(place[0]) for *_, place in socket.getaddrinfo(host, None)}
-    except OSError as error:
-        raise OSError(f"there is no host {host!r}: {error.strerror}") from error
+    except (OSError, UnicodeError) as error:  # UnicodeError: no name of a host can be written so
+        raise OSError(f"there is no host {host!r}: {getattr(error, 'strerror', error)}") from error
     return all(ip_address(one.partition("%")[0]).is_loopback for one in found)

@@ -83,7 +83,9 @@ class Credentials:
         return self._channel(grpc.aio, address, options)
 
     def _channel(self, library: Any, address: str, options: Sequence[tuple[str, Any]]) -> Any:
-        options = [NO_COMPRESSION, _OWN_CONNECTION, *options]
+        # A proxy of the environment would see what must not leave this machine, and could not reach it either.
+        proxy = [("grpc.enable_http_proxy", 0)] if _stays_here(address) else []
+        options = [NO_COMPRESSION, _OWN_CONNECTION, *proxy, *options]
         self.check(address)
         if self.certificates is None:
             return library.insecure_channel(address, options)

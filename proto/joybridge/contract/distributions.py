@@ -1,5 +1,6 @@
 """The checks of distributions of parameters; see PARAMETERS PER EPISODE in bridge.proto."""
 
+import math
 from collections.abc import Collection, Mapping
 
 from joybridge.contract.limits import MAX_VALUES
@@ -46,6 +47,8 @@ def _problem(distribution: pb.Distribution, fixed: bool) -> str:
         return f"has low {interval.low:g} and high {interval.high:g}, expected low below high"
     if kind == "log_uniform" and interval.low <= 0:
         return f"has low {interval.low:g}, expected more than 0"
+    if kind == "log_uniform" and interval.high / interval.low == math.inf:
+        return f"is from {interval.low:g} to {interval.high:g}, expected numbers whose ratio is finite"
     return ""
 
 

@@ -15,6 +15,7 @@ from joybridge.client.reachability import why_unreachable
 from joybridge.client.responses import parse
 from joybridge.client.stream import SERVICE
 from joybridge.contract.credentials import credentials_of
+from joybridge.contract.limits import MAX_NAME
 from joybridge.contract.spec import SpecError, check_spec
 from joybridge.contract.versions import client_version, mismatch
 from joybridge.v1 import bridge_pb2 as pb
@@ -45,7 +46,13 @@ def list_games(address: str) -> list[str]:
         response = EVENT_LOOP.run(_call, address, "ListGames", request, pb.ListGamesResponse)
     except grpc.RpcError as error:
         raise from_grpc(error, address) from error
-    return [game.name for game in response.games]
+    names = [game.name for game in response.games]
+    if not names or not all(1 <= len(name) <= MAX_NAME and name.isprintable() for name in names):
+        raise SimulatorError(
+            f"the simulator at {address} sent {len(names)} games, expected at least one, with printable names of 1 to "
+            f"{MAX_NAME} characters"
+        )
+    return names
 
 
 def describe(address: str, game: str, options: Mapping[str, str]) -> pb.GameSpec:

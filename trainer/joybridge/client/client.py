@@ -23,6 +23,7 @@ from joybridge.client.interruptible_loop import EVENT_LOOP
 from joybridge.client.local_stream import LocalStream
 from joybridge.client.responses import Outcome, Reader
 from joybridge.client.stream import ClientStream
+from joybridge.config.metrics import metrics_name
 from joybridge.contract.address import is_local
 from joybridge.contract.codec import ActArrays, StepArrays, fill_act
 from joybridge.contract.limits import max_pictures, response_bytes
@@ -82,7 +83,7 @@ class Session:
         self._log: FaultLog | DemonstrationLog | None = None
         self._reader = Reader(address, self.spec, arenas, first_arena, timeout)
         self._coming: Distributions = {}  # for the next Act
-        self._drawn = bool(distributions)  # whether parameters are
+        self._drawn = set(distributions or ())  # the parameters that are
         self._largest = response_bytes(self.spec, arenas, max_pictures(self.spec))
         self._revision = described.version.revision
         stream = ClientStream(self._reader, self._largest, self._revision)
@@ -173,10 +174,10 @@ class Session:
     def record_faults(self, folder: Path) -> None:
         """Write what led to an error of the simulator into a file of this folder, from now on; see FaultLog.
 
-        Call this before the first request. The name of the file has the numbers of the arenas.
+        Call this before the first request. The name of the file has the game's and the numbers of the arenas.
         """
-        first = self._start.first_arena
-        path = folder / f"arenas-{first}-{first + self.arenas - 1}.fault"
+        game, first = metrics_name(self._start.game), self._start.first_arena
+        path = folder / f"{game}-{first}-{first + self.arenas - 1}.fault"
         self._log = FaultLog(path, self._start, self.server, self.steps)
 
     def write_fault(self, error: str) -> None:
@@ -217,7 +218,7 @@ class Session:
                 self._use(local)
                 end_stream.detach()  # last: an interrupt before it leaves somebody who ends the stream
                 return response
-            except OSError as error:
+            except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
                 problem = str(error)
         if transport == "local":
             raise SimulatorError(f"no local transport to {self.address}: {problem}; leave it to transport=auto")
@@ -237,7 +238,6 @@ class Session:
     def _act(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
         """Return the request for one timestep, with pictures of the arenas in `draw`."""
         coming, self._coming = self._coming, {}
-        self._drawn = self._drawn or bool(coming)
         request = pb.PlayRequest(act=pb.Act(draw=draw, distributions=coming))
         for act in acts:
             fill_act(request.act.behaviors.add(), act)
@@ -245,14 +245,19 @@ class Session:
 
     def _send(self, acts: Sequence[ActArrays]) -> None:
         request = self._act(acts)
+        self._note(request)
+        self._stream.send(request)
+
+    def _note(self, request: pb.PlayRequest) -> None:
+        """Note a request that is about to be sent."""
+        self._drawn.update(request.act.distributions, request.reset.distributions)
+        self._drawn.difference_update(request.reset.parameters)
         if self._log is not None:
             self._log.sent(request)
-        self._stream.send(request)
 
     def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> Outcome:
         """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
-        if self._log is not None:
-            self._log.sent(request)
+        self._note(request)
         return self._receive(partial(self._stream.ask, request), pictures)
 
     def _receive(self, response: Callable[[], pb.PlayResponse], pictures: int = 0) -> Outcome:

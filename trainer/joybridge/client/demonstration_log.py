@@ -54,7 +54,8 @@ class DemonstrationLog:
     def sent(self, request: pb.PlayRequest) -> None:
         """Note a request."""
         if request.act.draw:  # pictures change nothing
-            request = pb.PlayRequest(act=pb.Act(behaviors=request.act.behaviors))
+            act = pb.Act(behaviors=request.act.behaviors, distributions=request.act.distributions)
+            request = pb.PlayRequest(act=act)
         self._waiting.append(Record(Kind.REQUEST, request.SerializeToString(deterministic=True)))
 
     def came(self, steps: Sequence[StepArrays]) -> None:

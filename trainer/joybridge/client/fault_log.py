@@ -29,7 +29,7 @@ class FaultLog:
     def __init__(self, path: Path, start: pb.Start, server: str, steps: Sequence[StepArrays]) -> None:
         """Begin with a session that has just started. path: of the file. server: its product."""
         self._path, self._server = path, server
-        self._drawn: dict[str, pb.Distribution] = {}  # since the start, by parameter: a snapshot has none
+        self._drawn = dict(start.distributions)  # by parameter: a snapshot has none
         self._begin(start, digest(steps))
 
     def _begin(self, start: pb.Start, first: int | None) -> None:
@@ -41,6 +41,9 @@ class FaultLog:
         """Note a request."""
         self._bytes += request.ByteSize()
         self._drawn.update(request.act.distributions)
+        self._drawn.update(request.reset.distributions)
+        for name in request.reset.parameters:
+            self._drawn.pop(name, None)
         if self._bytes <= MAX_LOG_BYTES:
             self._requests.append(request)
 
@@ -54,7 +57,9 @@ class FaultLog:
         start = pb.Start()
         start.CopyFrom(self._start)
         start.snapshot.CopyFrom(pb.Snapshot(parts=parts))
+        start.ClearField("distributions")
         for name, distribution in self._drawn.items():
+            start.parameters.pop(name, None)  # a message gives one of the two
             start.distributions[name].CopyFrom(distribution)
         self._begin(start, None)
 

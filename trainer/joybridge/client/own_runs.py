@@ -37,7 +37,9 @@ def sign(content: bytes) -> str:
 def is_ours(content: bytes, signature: str) -> bool:
     """Return whether this user has signed the content on this machine. Raises StorageError for a key of others."""
     key = _read_key()
-    return key is not None and hmac.compare_digest(_signature(key, content).encode(), signature.encode())
+    return key is not None and hmac.compare_digest(
+        _signature(key, content).encode(), signature.encode(errors="replace")
+    )
 
 
 def sign_or_say(content: bytes, say: Callable[[str], None]) -> str:

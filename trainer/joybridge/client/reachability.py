@@ -23,7 +23,7 @@ def why_closed(host: str, port: int) -> str:
     host = host.strip("[]")
     try:
         socket.create_connection((host, port), CONNECT_SECONDS).close()
-    except socket.gaierror:
+    except (socket.gaierror, UnicodeError):
         return f"the host name {host!r} is unknown here"
     except ConnectionRefusedError:
         return "nothing listens there"

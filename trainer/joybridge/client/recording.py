@@ -196,11 +196,9 @@ def _exchanges(records: Sequence[Record]) -> tuple[pb.GameSpec | None, list[Exch
             case Kind.SPEC:
                 spec = pb.GameSpec.FromString(body)
             case Kind.HELD:
-                held = json.loads(body)
+                held = _lanes(body)
             case Kind.DISCARDED:
-                (count,) = COUNT.unpack(body)
-                for exchange in exchanges[max(0, len(exchanges) - count) :]:
-                    exchange.held = [[] for _ in spec.behaviors] if spec else None
+                pass
             case Kind.REQUEST:
                 exchanges.append(Exchange(_request(body), held))
             case Kind.STEP:
@@ -210,7 +208,31 @@ def _exchanges(records: Sequence[Record]) -> tuple[pb.GameSpec | None, list[Exch
                 (exchanges[-1].digest,) = CHECK.unpack(body)
             case _:
                 raise ValueError(f"a record of the unknown kind {kind!r}")
+    _discard(records, exchanges, [[] for _ in spec.behaviors] if spec else None)
     return spec, exchanges
+
+
+def _discard(records: Sequence[Record], exchanges: Sequence[Exchange], nobody: list[list[int]] | None) -> None:
+    """Let nobody demonstrate the decisions that were discarded: the last ones before each record that says how many."""
+    left, earlier = 0, reversed(exchanges)
+    for kind, body in reversed(records):  # from the end, so that each is looked at once
+        if kind == Kind.DISCARDED:
+            left = max(left, *COUNT.unpack(body))
+        elif kind == Kind.REQUEST:
+            exchange = next(earlier)
+            if left:
+                exchange.held, left = nobody, left - 1
+
+
+def _lanes(body: bytes) -> list[list[int]] | None:
+    """Return whose decisions are demonstrated. Raises ValueError unless it is a list for each behavior, or None."""
+    held = json.loads(body)
+    rows = [] if held is None else held
+    if not isinstance(rows, list) or not all(
+        isinstance(lanes, list) and all(type(lane) is int for lane in lanes) for lanes in rows
+    ):
+        raise ValueError("the lanes that are demonstrated are no lists of numbers")
+    return held
 
 
 def _request(body: bytes) -> pb.PlayRequest:

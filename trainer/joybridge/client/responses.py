@@ -1,5 +1,6 @@
 """The responses of a session: how long to wait for one, what it holds, and the error if it is wrong or missing."""
 
+import math
 from typing import NamedTuple, NoReturn, TypeVar
 
 from google.protobuf.message import DecodeError, Message
@@ -46,7 +47,10 @@ class Reader:
                 f"the simulator at {self.address} sent two different specs of {self._spec.name}, for DescribeGame and "
                 "for Start"
             )
-        return self._unpack(started.step)
+        outcome = self._unpack(started.step)
+        if any(len(step.ended) or step.rewards.any() for step in outcome.steps):
+            self.refuse("episodes end, or rewards are paid, before the first decision")
+        return outcome
 
     def step(self, response: pb.PlayResponse, pictures: int = 0) -> Outcome:
         """Return what followed a decision, with so many pictures. Raises SimulatorError."""
@@ -96,6 +100,8 @@ class Reader:
             drawn = [[self._picture.unpack(tensor) for tensor in some] for some in (step.pictures, step.tick_pictures)]
         except TensorError as error:
             self.refuse(str(error))
+        if not 0 <= step.simulate_seconds < math.inf:
+            self.refuse(f"step.simulate_seconds is {step.simulate_seconds}, expected a finite number of at least 0")
         return Outcome(steps, step.simulate_seconds, *drawn)
 
 

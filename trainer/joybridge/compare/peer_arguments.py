@@ -17,8 +17,13 @@ MAX_BYTES = 2**16  # of it
 
 def keep_peer_arguments(options: argparse.Namespace) -> None:
     """Note the arguments of another trainer in the folder. Raises ConfigError if its runs have had others."""
-    path, now = options.output / FILE, json.loads(options.ppo)
-    before = read_json(path, TypeAdapter(dict[str, Any]), MAX_BYTES, "delete it")
+    path, kind = options.output / FILE, TypeAdapter(dict[str, Any])
+    try:
+        now = kind.validate_json(options.ppo)
+    except ValueError as error:
+        text = f"--ppo got {options.ppo!r}, expected a JSON object, as in '{{\"clip_range_vf\": 0.2}}'"
+        raise ConfigError(text) from error
+    before = read_json(path, kind, MAX_BYTES, "delete it")
     if before is None:
         before = {} if read_variants(options.output) else now
     if options.beside and before != now:

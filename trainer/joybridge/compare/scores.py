@@ -123,6 +123,8 @@ def score_run(rows: Sequence[Row], source: str, seed: int, metric: str) -> Run:
         found = _finite(values[0], f"{metric} is {values[0]} at the end", source)
         return replace(trained, measured=found, episodes=episodes)
     begins = [0, *(int(row["timesteps"]) for row in rows)]
+    if begins != sorted(begins):
+        raise CheckpointError(f"{source}: its rows are not in the order of their timesteps; move it away")
     points = tuple(
         Point(
             int(row["timesteps"]),

@@ -63,23 +63,23 @@ def check_test(variants: Sequence[Variant], specs: Sequence[pb.GameSpec], option
         return
     if (options.output / TABLE).exists() and not (options.output / "runs").is_dir():
         raise ConfigError(f"a test needs the policies of the runs, and there is no folder {options.output / 'runs'}")
+    option = "--over" if options.over else "--test"
     for variant, spec in zip(variants, specs, strict=True):
         if variant.by or variant.config.games:
             who = TRAINERS.get(variant.by, "a run of several games")
             raise ConfigError(f"--test cannot play {variant.label}, of {who}; leave this variant out")
+        known = {f"options.{each.name}={choice}" for each in spec.options for choice in each.choices}
+        known |= {f"parameters.{each.name}" for each in spec.parameters}
         for words in test_settings(options):
             played = load_config(config_path(options.output, variant.name), words)
             check_playable(variant.config, played, variant.label)
             check_settings(played.options, played.parameters, spec)
-        known = {f"options.{each.name}={choice}" for each in spec.options for choice in each.choices}
-        known |= {f"parameters.{each.name}" for each in spec.parameters}
-        given = [f"options.{name}={choice}" for name, choice in played.options.items()]
-        given += [f"parameters.{name}" for name in played.parameters]
-        option = "--over" if options.over else "--test"
-        if wrong := [each for each in given if each not in known]:
-            raise ConfigError(
-                f"{option} got {wrong[0]}; {spec.name} has {', '.join(sorted(known)) or 'nothing to set'}"
-            )
+            given = [f"options.{name}={choice}" for name, choice in played.options.items()]
+            given += [f"parameters.{name}" for name in played.parameters]
+            if wrong := [each for each in given if each not in known]:
+                raise ConfigError(
+                    f"{option} got {wrong[0]}; {spec.name} has {', '.join(sorted(known)) or 'nothing to set'}"
+                )
         behavior = next((each for each in spec.behaviors if each.name == options.behavior), spec.behaviors[0])
         measured = measured_columns([each.name for each in behavior.metrics])[:-2]  # of an episode, not of many
         if options.metric not in measured:

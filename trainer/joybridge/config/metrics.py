@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -24,6 +25,7 @@ _COLUMNS = {
     "timesteps_per_second", *ACTIVITIES,
 }  # fmt: skip
 HELD_OUT = "held_out_"  # begins the columns of `evaluate_during`
+COUNTS = {"timesteps", "episodes", f"{HELD_OUT}episodes"}  # columns that are never negative or infinite
 KEYS = ("run", "experiment", "seed", "total_timesteps", "policy")  # what a table of several runs adds to a row
 RESERVED = {*KEYS, "game", "layout"}  # what any table adds
 
@@ -91,12 +93,15 @@ def parse_cells(text: str, but: Collection[str] = ()) -> list[Cells]:
     try:
         rows = [{name: cell for name, cell in cells.items() if cell} for cells in csv.DictReader(io.StringIO(text))]
         for cells in rows:
-            if not float(cells["timesteps"]) >= 0:
-                raise ValueError("negative timesteps")
             for name, cell in cells.items():
                 if name not in but:
                     float(cell)
-    except (KeyError, TypeError, csv.Error) as error:
+            if "timesteps" not in cells:
+                raise ValueError("a row without timesteps")
+            for name in COUNTS & cells.keys():
+                if not 0 <= float(cells[name]) < math.inf:
+                    raise ValueError(f"{name} is {cells[name]}")
+    except (TypeError, csv.Error) as error:
         raise ValueError(f"{error}") from error
     return rows
 

@@ -101,7 +101,7 @@ def load_recorded(path: Path, spec: pb.GameSpec | None) -> Demonstration:
 
 
 def _stretches(recording: Recording, spec: pb.GameSpec) -> Iterator[RecordedEpisodes]:
-    codecs = [Codec(behavior, recording.start.arenas) for behavior in spec.behaviors]
+    codecs = [Codec(behavior, recording.start.arenas, len(spec.parameters)) for behavior in spec.behaviors]
     stretch: RecordedEpisodes | None = None
     for exchange in recording.exchanges:
         if exchange.step is None:  # the request was not answered
@@ -139,8 +139,10 @@ def _align_rewards(stretches: Sequence[RecordedEpisodes], recorded: pb.GameSpec,
 
 def _check_held(held: list[list[int]] | None, spec: pb.GameSpec, arenas: int) -> None:
     """Raise ValueError unless all lanes are lanes of their behavior."""
-    for behavior, lanes in zip(spec.behaviors, held or [[]] * len(spec.behaviors), strict=True):
-        if not all(type(lane) is int and 0 <= lane < lane_count(behavior, arenas) for lane in lanes):
+    if held is None:
+        return
+    for behavior, lanes in zip(spec.behaviors, held, strict=True):
+        if not all(0 <= lane < lane_count(behavior, arenas) for lane in lanes):
             raise ValueError(f"lanes {lanes} of {behavior.name}, which has {lane_count(behavior, arenas)}")
 
 
