@@ -25,8 +25,9 @@ from joybridge.run.checkpoint import load_checkpoint
 from joybridge.run.progress import Display
 from joybridge.run.train import train
 from joybridge.run.training import Audience
+from joybridge.simulator.game_adapter import batched
 from joybridge.v1 import bridge_pb2 as pb
-from tests.support.awkward_games import LENGTH
+from tests.support.awkward_games import LENGTH, Thrifty
 
 pytestmark = pytest.mark.slow
 
@@ -134,6 +135,15 @@ def test_a_network_that_is_no_longer_finite_ends_the_run_before_it_is_saved_and_
     said = capsys.readouterr()
     assert f"the fault was: {caught.value}\n" in said.err
     assert "60 steps are as they were recorded, and none fails" in said.out
+
+
+def test_the_end_of_an_episode_is_seen_though_the_next_one_is_written_into_the_same_arrays():
+    game = batched(Thrifty)({}, {}, 2, 0, 0)
+    press = [ActArrays(np.zeros((2, 0), np.float32), np.zeros((2, 1), np.int32))]
+    *_, (step,) = [game.step(press) for _ in range(3)]
+    assert step.final_observations is not None and step.metrics is not None
+    assert step.final_observations[0].tolist() == [[3.0, 3.0]] * 2 and step.metrics.tolist() == [[3.0]] * 2
+    assert step.observations[0].tolist() == [[0.0, 0.0]] * 2
 
 
 def test_a_rollout_in_which_all_wait_teaches_nothing_and_ends_nothing(simulator, tmp_path):

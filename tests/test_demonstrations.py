@@ -18,6 +18,7 @@ from joybridge.commands.replay import main as replay_main
 from joybridge.config.config import Config
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import list_roles, make_acts
 from joybridge.policy.actor import Actor
 from joybridge.v1 import bridge_pb2 as pb
@@ -207,7 +208,7 @@ def test_a_game_may_pay_other_rewards_than_when_it_was_recorded(tmp_path, simula
 def test_what_was_played_with_parameters_that_are_drawn_can_be_learned_from(tmp_path, simulator):
     size = pb.Distribution(uniform=pb.Interval(low=0.5, high=2.0))
     file = record(tmp_path, simulator, "archer", decisions=400, distributions={"size": size})
-    demonstration = load_demonstration(file, None)
+    demonstration = load_recorded(file, None)
     ends = [steps[0].parameters for stretch in demonstration.stretches for steps in stretch.steps]
     assert any(values is not None and values.shape[1] == 1 for values in ends)
 
@@ -227,12 +228,12 @@ def test_lanes_that_are_no_lanes_are_refused(lane, tmp_path, simulator):
 
 
 @pytest.mark.parametrize("held", [{}, {"": 1}, [], [1], [{}], "", 0, False])
-def test_lanes_that_are_no_lists_are_refused(held, tmp_path, demos):
+def test_lanes_that_are_no_lists_are_refused(held, tmp_path, demos, described):
     first, *records = _records(demos / "hybrid-0001.demo")
     file, writer = tmp_path / "held.demo", Writer(json.loads(first))
     file.write_bytes(writer.first_line + writer.encode([Record(Kind.HELD, json.dumps(held).encode()), *records]))
     with pytest.raises(RecordingError, match=r"held\.demo (is no recorded session|breaks the contract)"):
-        load_demonstration(file, None)
+        load_demonstration(file, described)
 
 
 def test_decisions_that_are_discarded_again_and_again_are_read_as_quickly_as_others(tmp_path, demos):

@@ -20,12 +20,12 @@ from joybridge.client.recording import RecordingError
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.demonstrations.cloning import targets
-from joybridge.demonstrations.episodes import finished_episodes, join_episodes
+from joybridge.demonstrations.episodes import Episode, finished_episodes, join_episodes
 from joybridge.demonstrations.files import find_demonstrations, load_demonstration
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.gym.observer import Observer
 from joybridge.layouts import list_roles
-from joybridge.minari import reading
+from joybridge.minari import reading, writing
 from joybridge.policy.actor import Actor
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.simulator import axis, behavior, button, sensor, spec
@@ -79,6 +79,18 @@ def test_what_is_exported_and_imported_is_the_same_to_a_policy(exported, game):
             for some in (ours, theirs)
         ]
         assert paid[0] == paid[1] != []
+
+
+def test_the_only_channel_of_a_game_is_read_without_its_weight(exported):
+    ours = load_recorded(next(iter(find_demonstrations(exported["hybrid"][0]))), None)
+    part = ours.spec.behaviors[0]
+    del part.channels[1:]
+    part.channels[0].default_weight = 0.1
+    episode = next(one for stretch in ours.stretches for one in finished_episodes(stretch, 0))
+    episode = Episode(**(episode._asdict() | {"rewards": episode.rewards[:, :1]}))
+    (written,) = writing._buffers(part, [episode])
+    np.testing.assert_array_equal(written.rewards, episode.rewards[:, 0] * np.float32(0.1))
+    np.testing.assert_array_equal(reading._rewards(written.rewards, written.infos["rewards"], part), episode.rewards)
 
 
 @pytest.mark.parametrize("game", ["hybrid", "ferry", "noughts", "orchard"])

@@ -83,3 +83,10 @@ def test_the_sensor_is_part_of_the_spec_and_keeps_its_bounds(options):
     for sensor, values in zip(sensors, game.observe()[0].observations, strict=True):
         assert values.shape == (3, *sensor.shape)
         assert (values >= sensor.low[0]).all() and (values <= sensor.high[0]).all()
+
+
+def test_birds_that_flee_faster_than_the_sensor_shows_are_shown_at_its_bound():
+    game = empty_sky()
+    game.arenas.birds.x[0, 0], game.arenas.birds.y[0, 0] = 1.0, 0.0
+    game.arenas.birds.vx[0, 0], game.arenas.birds.vy[0, 0] = 128.0, -128.0
+    assert nearest(game)[0, 3:5].tolist() == [10.0, -10.0]

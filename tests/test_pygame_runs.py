@@ -71,7 +71,7 @@ def test_commands_name_a_program_by_its_place(tmp_path):
     )
 
 
-@pytest.mark.parametrize("place", ["pygame:", "pygame:'open"])
+@pytest.mark.parametrize("place", ["pygame:", "pygame:-- x", "pygame:'open"])
 def test_a_place_without_a_program_is_refused_by_both_sides(place):
     with pytest.raises(CatalogError, match=r"missing|quotation"):
         load_game(place)

@@ -114,3 +114,72 @@ def test_a_process_that_ends_before_it_connects_is_not_waited_for(tmp_path, monk
 def test_every_reward_has_a_channel_of_its_own():
     settings = read_pygame_settings(r"x.py reward=attr:main.score_2 'reward=Score: (\d+)' 'reward=score (\d+)'")
     assert [*settings.rewards] == ["score_2", "score", "score_3"]
+
+
+def test_generators_that_are_made_before_the_first_frame_have_other_numbers_in_each_episode(tmp_path):
+    source = (
+        "import random\nimport numpy as np\n"
+        + HEAD
+        + "mine, theirs, fixed = random.Random(), np.random.default_rng(), random.Random(7)\nn = [0] * 3\n"
+        + LOOP
+        + "    n = [mine.random(), theirs.random(), fixed.random()]\n"
+    )
+    game = program(tmp_path, source + SHOW, hook(tmp_path, "def state(program): return program.n\n"))
+    (again,), (once,), (other,) = (steps(game, 1, seed=seed) for seed in (5, 5, 6))
+    first, same, second = (step.observations[1][0].tolist() for step in (once, again, other))
+    assert first == same and [a == b for a, b in zip(first, second, strict=True)] == [False, False, True]
+
+
+def test_functions_of_the_program_are_not_taken_for_those_that_play_it(tmp_path):
+    source = HEAD + "def show():\n    score = 0\n    " + (LOOP + "    score += 1\n" + SHOW).replace("\n", "\n    ")
+    game = program(tmp_path, source + "\nshow()\n", "reward=attr:show.score")
+    assert steps(game, 2)[1].rewards.tolist() == [[4.0]]
+    ends = HEAD + "def main():\n    player = 7\n    for _ in range(12):\n        pygame.event.get()\n"
+    ends += "        pygame.mouse.get_pos()\n" + SHOW.replace("    ", "        ") + "main()\n"
+    asks = "from joybridge.adapters.hooks import look_up\ndef state(program): return [look_up('main.player') or 0]\n"
+    seen = [step.observations[1].tolist() for step in steps(program(tmp_path, ends, hook(tmp_path, asks)), 2)]
+    assert seen == [[[7.0]], [[7.0]]]
+
+
+def test_a_hook_that_fails_when_the_program_ends_is_named(tmp_path):
+    body = "n = 0\nfor n in range(12):\n    pygame.event.get()\n    pygame.mouse.get_pos()\n"
+    fails = "def state(program): return [1 / (11 - program.n)]\n"
+    with pytest.raises(CatalogError, match=r"ZeroDivisionError: .*line 1 of .*hook\.py"):
+        program(tmp_path, HEAD + body + SHOW, hook(tmp_path, fails) + " snapshots=false")
+
+
+def test_an_infinite_variable_pays_nothing(tmp_path):
+    body = "best = float('inf')\nn = 0\n" + LOOP + "    n += 1\n    best = n if n > 6 else best\n"
+    game = program(tmp_path, HEAD + body + SHOW, "reward=attr:best")
+    assert [step.rewards[0, 0] for step in steps(game, 4)] == [0.0, 2.0, 4.0, 4.0]
+
+
+def test_a_key_that_is_held_repeats_as_often_as_the_program_wishes(tmp_path):
+    body = "pygame.key.set_repeat(100, 10)\nn = 0\nwhile True:\n"
+    body += "    n += sum(event.type == pygame.KEYDOWN for event in pygame.event.get())\n"
+    source = HEAD + body + SHOW.replace("60", "20")
+    game = program(tmp_path, source, hook(tmp_path) + " keys=a mouse=false fps=20")
+    with opened(game) as playing:
+        for _ in range(3):  # of four frames of 50 ms
+            (step,) = playing.step([ActArrays(np.zeros((1, 0), np.float32), np.ones((1, 1), np.int32))])
+    assert 40 <= step.observations[1][0, 0] <= 54
+
+
+def test_a_queued_sound_is_forgotten_when_another_one_plays_or_the_channel_stops(tmp_path):
+    for name in "abc":
+        (tmp_path / f"{name}.wav").write_bytes(bytes(1000))
+    body = (
+        "A, B, C = (pygame.mixer.Sound(f'{name}.wav') for name in 'abc')\nmusic = pygame.mixer.music\n"
+        "first, second = pygame.mixer.Channel(0), pygame.mixer.Channel(1)\n"
+        "n, left = [0] * 4, 0\n"
+        + LOOP
+        + "    left += 1\n    if left == 1:\n        first.play(A)\n        first.queue(B)\n        first.play(C)\n"
+        "        second.play(A)\n        second.queue(B)\n        second.stop()\n        n[0] = second.get_busy()\n"
+        "        n[1] = first.get_queue() is None\n        music.load('a.wav')\n        music.play()\n"
+        "        music.queue('b.wav')\n        music.stop()\n        n[2] = music.get_busy()\n"
+        "        music.play()\n        music.queue('b.wav')\n        music.load('c.wav')\n"
+        "        n[3] = music.get_busy()\n"
+    )
+    settings = hook(tmp_path, "def state(program): return program.n\n")
+    step = steps(program(tmp_path, HEAD + body + SHOW, f"reward=sound:b {settings}"), 60)[-1]
+    assert step.observations[1].tolist() == [[0, 1, 0, 0]] and step.rewards.tolist() == [[0.0]]

@@ -1,6 +1,9 @@
 """Input tapes: a program plays as on a tape, or the frame is named where it does not."""
 
+import io
+import json
 import shutil
+import zipfile
 from contextlib import closing
 from typing import Any
 
@@ -104,10 +107,26 @@ def test_whatever_is_played_is_on_tapes_if_they_are_wanted(tmp_path):
     assert sorted(replay(path) for path in tmp_path.glob("catch-*.tape")) == [6, 10]
 
 
+def saved(array):
+    """Return the bytes of a file that holds an array."""
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
 def test_a_file_that_is_no_tape_is_refused(tmp_path):
     (tmp_path / "wrong.tape").write_text("nothing")
     done = joybridge("tape", "replay", str(tmp_path / "wrong.tape"))
     assert done.status == 1 and "is not a tape" in done.errors
+    note = {"format": 2, "program": "p", "options": {}, "seed": 0, "device": [], "pygame": ""}
+    for wrong in ({"format": 2}, note | {"seed": "x"}, note):
+        with zipfile.ZipFile(tmp_path / "wrong.tape", "w") as archive:
+            archive.writestr("tape.json", json.dumps(wrong))
+            for name, array in {"acts": np.zeros((2, 1), np.uint8), "hashes": np.zeros(3, np.uint64)}.items():
+                archive.writestr(f"{name}.npy", saved(array))
+            archive.writestr("ends.npy", saved(np.array([3], np.int32)))
+        with pytest.raises(TapeError, match=r"wrong\.tape is not a tape"):
+            replay(tmp_path / "wrong.tape")
     with pytest.raises(TapeError, match=r"cannot read .*No such file"):
         replay(tmp_path / "none.tape")
 

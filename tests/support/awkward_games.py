@@ -64,3 +64,29 @@ class Generous(Game):
         self.steps += 1
         reward = 2e38 if self.steps == 60 else float(action["press"])
         return transition({"sight": [1.0]}, {"gold": reward, "silver": reward})
+
+
+class Thrifty(Game):
+    """Keeps its numbers in arrays that it writes anew in each episode."""
+
+    name = "thrifty"
+    description = "Count to three."
+
+    @classmethod
+    def describe(cls, options):
+        player = behavior("player", sensors=[sensor("board", [2])], branches=[button("press")], metrics=["count"])
+        return spec(cls, [player])
+
+    def __init__(self):
+        self.board, self.counts = np.zeros(2, np.float32), {"count": 0.0}
+
+    def reset(self):
+        self.board[:], self.counts["count"] = 0.0, 0.0
+        return transition({"board": self.board})
+
+    def step(self, action):
+        self.board += 1.0
+        self.counts["count"] += 1.0
+        if self.board[0] < 3.0:
+            return transition({"board": self.board})
+        return truncation({"board": self.board}, {}, self.counts)

@@ -20,7 +20,7 @@ def program_name(text: str) -> str:
     text: the place without "pygame:". Raises ValueError if it has no program or an open quote.
     """
     words = shlex.split(text)
-    if not words:
+    if not words or words[0] == "--":
         raise ValueError("a program is missing: FILE, MODULE or PACKAGE:SCRIPT")
     settings = words[1 : words.index("--")] if "--" in words else words[1:]
     names = [word.removeprefix("name=") for word in settings if word.startswith("name=")]

@@ -80,9 +80,9 @@ def _new(options: argparse.Namespace) -> str:
     if options.name is not None:
         return write_game(options.name, options.folder)
     sys.path.insert(0, str(Path.cwd()))
-    if options.pygame:
+    if options.pygame is not None:
         return write_program(options.pygame, options.folder)
-    kind, environment = ("gym", options.gym) if options.gym else ("pettingzoo", options.pettingzoo)
+    kind, environment = ("gym", options.gym) if options.gym is not None else ("pettingzoo", options.pettingzoo)
     spec = next(specs(load_game(f"{kind}:{environment}")))
     return write_config(spec, (f"--{kind}", environment), options.folder)
 

@@ -7,6 +7,7 @@ that raises an error after it has played for long loses its episode, and is made
 import logging
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from copy import deepcopy
 from math import inf
 from typing import Any, ClassVar, NamedTuple
 
@@ -132,6 +133,7 @@ class GameAdapter(BatchedGame):
                     timesteps, interrupted = self._renew(arena), True
                 self._earn(arena, timesteps)
                 if timesteps[0].terminated or timesteps[0].truncated:
+                    timesteps = deepcopy(timesteps)  # the next episode may begin in the same arrays
                     ended[arena] = End(timesteps, list(self.parameters[arena].values()), interrupted)
                     timesteps = self._reset(arena)
                 self.timesteps[arena] = timesteps

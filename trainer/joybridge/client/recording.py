@@ -226,7 +226,7 @@ def _discard(records: Sequence[Record], exchanges: Sequence[Exchange], nobody: l
 
 def _lanes(body: bytes) -> list[list[int]] | None:
     """Return whose decisions are demonstrated. Raises ValueError unless it is a list for each behavior, or None."""
-    held = json.loads(body)
+    held: list[list[int]] | None = json.loads(body)
     rows = [] if held is None else held
     if not isinstance(rows, list) or not all(
         isinstance(lanes, list) and all(type(lane) is int for lane in lanes) for lanes in rows

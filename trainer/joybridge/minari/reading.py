@@ -145,11 +145,11 @@ def _flags(infos: Mapping[str, Any], name: str, rows: int) -> Array:
 def _rewards(rewards: Any, by_channel: Any, behavior: pb.Behavior) -> Array:
     """Return the rewards of an episode, float32 [decisions, channels]; 0 for channels that are not told apart."""
     paid = np.zeros((len(rewards), len(behavior.channels)), np.float32)
-    if len(behavior.channels) == 1:
-        paid[:, 0] = rewards
-    elif by_channel is not None:
+    if by_channel is not None:
         for column, channel in enumerate(behavior.channels):
             paid[:, column] = by_channel[channel.name][1:]
+    elif len(behavior.channels) == 1:
+        paid[:, 0] = rewards
     return paid
 
 

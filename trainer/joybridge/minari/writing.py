@@ -130,7 +130,7 @@ def _buffers(behavior: pb.Behavior, episodes: Iterable[Episode]) -> "Iterator[Ep
         infos: dict[str, Any] = {"deciding": one.deciding, "demonstrated": np.append(one.demonstrated, True)}
         if one.masks is not None:
             infos["action_mask"] = np.concatenate(one.masks, axis=1)
-        if len(behavior.channels) > 1:
+        if (weights != 1.0).any() or len(weights) > 1:
             infos["rewards"] = {
                 channel.name: np.append(np.float32(0), one.rewards[:, column])
                 for column, channel in enumerate(behavior.channels)

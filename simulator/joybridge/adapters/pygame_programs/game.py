@@ -90,7 +90,7 @@ class PygameGame(BatchedGame):
             self._seed[0] = seed
             self._episodes[:] = 0
             self._trusted[:] = False
-        self._seen = self._begin(range(len(self._episodes)))
+        self._seen, self._closed = self._begin(range(len(self._episodes))), False
 
     def observe(self) -> list[StepArrays]:
         """Return the current observations, with zero rewards and no episode ends."""

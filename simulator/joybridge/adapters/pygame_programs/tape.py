@@ -12,6 +12,7 @@ import io
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -186,11 +187,23 @@ def read_tape(path: Path) -> Tape:
             note = json.loads(archive.read("tape.json"))
             if note["format"] != FORMAT:
                 raise ValueError(f"its format is {note['format']}, expected {FORMAT}")
-            return Tape(path, note, *(_load(archive, f"{name}.npy") for name in ("acts", "hashes", "ends")))
+            tape = Tape(path, note, *(_load(archive, f"{name}.npy") for name in ("acts", "hashes", "ends")))
+        _check(tape)
+        return tape
     except OSError as error:
         raise TapeError(f"cannot read {path}: {error.strerror}") from error
-    except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
+    except (zipfile.BadZipFile, zlib.error, KeyError, ValueError, TypeError) as error:
         raise TapeError(f"{path} is not a tape ({error}); `joybridge tape record` makes one") from error
+
+
+def _check(tape: Tape) -> None:
+    """Raise ValueError, KeyError or TypeError unless the parts of a tape belong together."""
+    kinds = {"program": str, "options": dict, "seed": int, "device": list, "pygame": str}
+    if wrong := [key for key, kind in kinds.items() if not isinstance(tape.note[key], kind)]:
+        raise ValueError(f"its {wrong[0]} is {tape.note[wrong[0]]!r}")
+    ends = tape.ends
+    if len(tape.acts) != len(ends) or not len(ends) or ends[-1] != len(tape.hashes) or (np.diff(ends) < 0).any():
+        raise ValueError(f"{len(tape.acts)} decisions and {len(tape.hashes)} frames do not belong together")
 
 
 def compare(tape: Tape, rerun: Rerun) -> int:

@@ -11,6 +11,7 @@ from joybridge.simulator import option, sensor
 from joybridge.simulator.compiled import compiled
 
 COUNT = 4
+LARGEST = 10.0  # of the sensor's values: what is above it, as a very fast bird that dodges, is cut
 UNIT = 10.0  # of the sensor's places and velocities, so that their values are about 1: units, units/s
 PARTS = ["seen", "x", "y", "velocity x", "velocity y", "size"]
 
@@ -22,8 +23,8 @@ OPTION = option(
 SENSOR = sensor(
     "nearest_birds",
     [COUNT, len(PARTS)],
-    -10.0,
-    10.0,
+    -LARGEST,
+    LARGEST,
     "the four nearest birds on the screen whose middle nothing covers, nearest first, relative to the crosshair; in "
     "tens of units and of units/s; zeros if there are fewer",
     elements=[f"{what} {place}" for place in range(1, COUNT + 1) for what in PARTS],
@@ -50,5 +51,6 @@ def write_nearest(arenas, world, birds):
             bird = arena.birds[nearest]
             birds[i, place, 0] = 1.0
             birds[i, place, 1], birds[i, place, 2] = (bird.x - arena.x) / UNIT, (bird.y - arena.y) / UNIT
-            birds[i, place, 3], birds[i, place, 4] = bird.vx / UNIT, bird.vy / UNIT
+            birds[i, place, 3] = min(max(bird.vx / UNIT, -LARGEST), LARGEST)
+            birds[i, place, 4] = min(max(bird.vy / UNIT, -LARGEST), LARGEST)
             birds[i, place, 5] = SIZE_CODE[bird.kind]

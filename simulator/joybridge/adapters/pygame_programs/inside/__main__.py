@@ -10,6 +10,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -58,14 +59,13 @@ def _run(player: Player, settings: Mapping[str, Any]) -> None:
             _give_own_places(program, player.stage)
         elif program.beside is not None:
             os.chdir(program.beside)
-        program.run()
-    except SystemExit:
-        pass
+        with suppress(SystemExit):
+            program.run()
+        player.end()
     except (Refused, ProgramError) as error:
         player.fail(str(error))
     except BaseException as error:
         player.fail(f"{type(error).__name__}: {error}{_place(error.__traceback__)}", traceback.format_exc())
-    player.end()
 
 
 def _give_own_places(program: Program, stage: Stage) -> None:

@@ -23,26 +23,47 @@ class Chance:
     def __init__(self) -> None:
         """Take the place of all sources of chance that are not seeded by the program."""
         self.seed, self._drawn = FIRST_SEED, 0
-        reseed, make_numpy = random.Random.seed, np.random.default_rng
+        self._early: dict[int, random.Random | np.random.Generator] = {}  # not seeded, made before the first frame
+        self._begun = False  # whether the first frame has come
+        self._reseed, self._make_numpy = random.Random.seed, np.random.default_rng
 
         def seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
-            reseed(generator, self.number() if a is None else a, version)
+            self._reseed(generator, self.number() if a is None else a, version)
+            self._note(generator, seeded=a is not None)
 
         def default_rng(seed: Any = None) -> np.random.Generator:
-            return make_numpy(self.number() if seed is None else seed)
+            generator = self._make_numpy(self.number() if seed is None else seed)
+            self._note(generator, seeded=seed is not None)
+            return generator
 
         random.Random.seed = seed
         random.seed = random._inst.seed
         np.random.default_rng = default_rng
         os.urandom = random._urandom = self.bytes
         _hash_by_serial_numbers()
-        self.begin(FIRST_SEED)
+        self._seed_shared(FIRST_SEED)
 
     def begin(self, seed: int) -> None:
-        """Seed every generator that the process shares."""
+        """Begin an episode: seed every generator that the process shares, and those that it has not seeded so far."""
+        self._begun = True
+        self._seed_shared(seed)
+        for generator in self._early.values():
+            if isinstance(generator, np.random.Generator):
+                generator.bit_generator.state = self._make_numpy(self.number()).bit_generator.state
+            else:
+                self._reseed(generator, self.number(), 2)
+
+    def _seed_shared(self, seed: int) -> None:
         self.seed, self._drawn = seed, 0
         random.seed(self.number())
         np.random.seed(self.number() % 2**32)
+
+    def _note(self, generator: "random.Random | np.random.Generator", *, seeded: bool) -> None:
+        """Note a generator that is made or seeded before the first frame, and forget one that is seeded after all."""
+        if seeded:
+            self._early.pop(id(generator), None)
+        elif not self._begun:
+            self._early[id(generator)] = generator
 
     def number(self) -> int:
         """Return the next number below 2**64, for a generator that the program does not seed."""

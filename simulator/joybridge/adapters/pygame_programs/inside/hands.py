@@ -116,9 +116,10 @@ class Hands:
 
     def _repeat_keys(self) -> None:
         for key, due in self._repeats.items():
-            if due <= self.clock.now:
-                self._repeats[key] = due + max(self._repeat[1], MILLISECOND)
+            while due <= self.clock.now:
+                due += max(self._repeat[1], MILLISECOND)
                 self._press(key)
+            self._repeats[key] = due
 
     def _button_states(self, count: int) -> tuple[bool, ...]:
         return tuple(button in self.buttons for button in range(1, count + 1))

@@ -7,6 +7,7 @@ attr:main.score      the difference of a variable of a module, an object in it, 
 """
 
 import io
+import math
 import re
 from collections import Counter
 from collections.abc import Callable
@@ -110,7 +111,7 @@ def _in_memory(font: Any, module: Any) -> Any:
 
 
 class Difference:
-    """How much a number has grown since it was last asked for; one that is not seen has not changed."""
+    """How much a number has grown since it was last asked for; one that is not seen, or infinite, has not changed."""
 
     def __init__(self) -> None:
         self.value: float | None = None
@@ -118,7 +119,7 @@ class Difference:
 
     def see(self, value: float | None) -> None:
         """Note the present value, if there is one."""
-        if value is None:
+        if value is None or not math.isfinite(value):
             return
         if self.value is not None:
             self._growth += value - self.value

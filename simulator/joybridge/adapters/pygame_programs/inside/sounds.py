@@ -115,24 +115,25 @@ class Channel:
     def play(self, Sound: Any, loops: int = 0, maxtime: int = 0, fade_ms: int = 0) -> None:  # noqa: N803
         """Begin a sound."""
         length = ENDLESS if loops < 0 else round(Sound.get_length() * (loops + 1) * SECOND)
-        self.sound, self._left = Sound, None
+        self.sound, self._left, self._queued = Sound, None, None
         self.ends = self._sounds.clock.now + (min(length, maxtime * 10**6) if maxtime > 0 else length)
         self._sounds.note(Sound.name)
 
     def end_if_over(self) -> None:
         """End the sound if its time is over, and begin the next."""
         if self.sound is not None and self._left is None and self._sounds.clock.now >= self.ends:
+            queued = self._queued
             self.stop()
+            if queued is not None:
+                self.play(queued)
 
     def stop(self) -> None:
-        """End the sound; its event is posted, and the queued sound begins."""
+        """End the sound, and forget the queued one; its event is posted."""
         if self.sound is None:
             return
-        queued, self.sound, self._queued = self._queued, None, None
+        self.sound = self._queued = None
         if self._end_event:
             post(pygame.event.Event(self._end_event))
-        if queued is not None:
-            self.play(queued)
 
     def fadeout(self, time: int) -> None:
         """End the sound, at once."""

@@ -2,8 +2,11 @@
 
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from types import FrameType
 from typing import Any
+
+OURS = str(Path(__file__).parent)  # functions of the same name in it are not the program's
 
 
 def look_up(path: str) -> Any:
@@ -21,7 +24,7 @@ def look_up(path: str) -> Any:
         return _follow(main, parts)
     frame: FrameType | None = sys._getframe()
     while frame is not None and len(parts) > 1:
-        if frame.f_code.co_name == parts[0]:
+        if frame.f_code.co_name == parts[0] and not frame.f_code.co_filename.startswith(OURS):
             return _follow(frame.f_locals, parts[1:])
         frame = frame.f_back
     return None
