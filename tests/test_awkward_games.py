@@ -17,8 +17,9 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError, DivergedError
 from joybridge.config.metrics import metrics_name, read_rows
 from joybridge.contract.codec import ActArrays
+from joybridge.play import record as recording
 from joybridge.play.playing import PlaySpec
-from joybridge.play.record import record
+from joybridge.play.record import SLOWEST, record
 from joybridge.policy.policy import Policy
 from joybridge.policy.stratify import balanced_options
 from joybridge.run.checkpoint import load_checkpoint
@@ -116,6 +117,14 @@ def test_an_odd_picture_can_be_recorded(inputs, height, talked, awkward, tmp_pat
         assert [picture.to_ndarray(format="rgb24").shape for picture in video.decode(video=0)] == [
             (height, 100, 3)
         ] * frames
+
+
+def test_an_episode_whose_last_decision_has_no_frame_is_recorded_to_its_end(talked, awkward, tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "FASTEST", SLOWEST / 2)  # every other decision, of five
+    said: list[str] = []
+    plays = PlaySpec(talked, awkward, seed=0)
+    assert record(plays, tmp_path / "play.mp4", episodes=1, say=said.append) == LENGTH // 2
+    assert not any("no episode has ended" in text for text in said)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

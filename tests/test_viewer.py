@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -20,6 +22,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from joybridge.cli import main
 from joybridge.client.client import Session
 from joybridge.contract.codec import ActArrays
+from joybridge.viewer import simulator as viewer_simulator
 from joybridge.viewer import web
 from joybridge.viewer.simulator import Simulator
 from tests.support.faulty_game import PICTURE
@@ -198,6 +201,7 @@ def test_a_page_learns_that_it_is_recorded_and_discards_an_episode(simulator, tm
         page = Page(url)
         page.begin()
         assert page.take("recorded") == {"type": "recorded", "folder": str(tmp_path), "discarded": False}
+        page.send("discard")  # there is no episode yet
         page.act([[0.0, 1.0]], [[0, 0]])
         page.send("discard")
         assert page.take("recorded")["discarded"]
@@ -220,7 +224,13 @@ def test_a_page_plays_again_under_other_settings(page):
 def test_settings_that_cannot_be_played_are_refused_and_others_are_played_after_that(page):
     page.begin()
     page.send("start", seed="1", options={"size": "huge"}, parameters={})
-    assert "'huge'" in page.take("refused")["text"]
+    refused = page.take("refused")
+    assert "'huge'" in refused["text"] and not refused["playing"]
+    page.send("start", seed="1", options={}, parameters={})
+    page.begin()
+    page.send("start", seed="9" * 20, options={}, parameters={})
+    assert page.take("refused")["playing"]  # the game before goes on
+    page.act([[0.0, 1.0]], [[0, 0]])
     page.send("start", seed="1", options={}, parameters={"drift": 99})
     assert "drift" in page.take("refused")["text"]
     page.send("start", seed="1", options={}, parameters={})
@@ -282,6 +292,25 @@ def test_a_simulator_that_is_lost_is_started_again():
         page.begin()
         page.act([[0.0, 1.0]], [[0, 0]])
         page.close()
+
+
+def test_a_simulator_that_is_busy_for_a_while_is_not_started_again(monkeypatch):
+    started: list[Any] = []
+    start = subprocess.Popen
+
+    def noted(*words, **more):
+        started.append(start(*words, **more))
+        return started[-1]
+
+    monkeypatch.setattr(subprocess, "Popen", noted)
+    monkeypatch.setattr(viewer_simulator, "ANSWER_SECONDS", 0.1)
+    with Simulator(None, ()) as source:
+        address = source.reach()
+        started[0].send_signal(signal.SIGSTOP)
+        again = threading.Timer(0.5, started[0].send_signal, [signal.SIGCONT])
+        again.start()
+        assert source.reach() == address and len(started) == 1
+        again.join()
 
 
 # ------------------------------------------------------------------------------------------------------- messages

@@ -121,6 +121,20 @@ def test_two_people_play_one_match_and_it_waits_for_both(simulator):
         other.close()
 
 
+def test_a_page_that_waits_for_others_learns_it_once(simulator):
+    with website(Simulator(simulator, ()), "ferry", people=2) as url:
+        one = Page(url)
+        one.take("waiting")
+        for _ in range(3):
+            one.send("clock", running=False)
+        with pytest.raises(TimeoutError):
+            one.take_within(0.3, "waiting")
+        other = Page(url)
+        assert [page.begin()[0]["fixed"] for page in (one, other)] == [True, True]
+        one.close()
+        other.close()
+
+
 def test_a_page_that_finds_no_place_is_sent_away_and_takes_one_that_is_free(simulator):
     with website(Simulator(simulator, ()), "noughts", people=2) as url:
         one, other = together(url)

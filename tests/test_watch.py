@@ -12,6 +12,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.run.train import train
 from joybridge.viewer import run_view, watched_game, web
 from joybridge.viewer.arena import Settings
+from joybridge.viewer.clock import Pace
 from joybridge.viewer.run_view import watch
 from joybridge.viewer.watched_game import watch_game
 from joybridge.viewer.web import open_website
@@ -69,10 +70,47 @@ def test_a_page_sees_the_newest_policy_at_play_and_the_folder_stays_as_it_is(sim
         page.close()
 
 
+def test_a_damaged_file_of_metrics_is_named_on_the_page(simulator, tmp_path):
+    (tmp_path / "metrics-x.csv").write_text("timesteps,reward\n100,abc\n")
+    with open_website(0, lambda page: watch(page, tmp_path, lambda: simulator, 1), "watch.html") as url:
+        page = Page(url)
+        assert "is no file of metrics" in page.take("lost")["text"]
+        page.close()
+
+
 @pytest.mark.usefixtures("signals")
 def test_what_is_no_run_is_named(tmp_path, capsys):
     assert main(["watch", str(tmp_path / "nothing"), "--no-browser"]) == 1
     assert f"{tmp_path / 'nothing'} is not the folder of a run" in capsys.readouterr().err
+
+
+def test_a_page_that_was_hidden_before_there_was_a_game_is_not_played_for(simulator, monkeypatch):
+    monkeypatch.setattr(watched_game, "LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(watched_game, "interval", lambda spec: 0.001)
+    told: list[Pace] = []
+
+    class Told(Pace):
+        def __init__(self, page):
+            super().__init__(page)
+            told.append(self)
+
+    def reach():
+        if told[0].running:
+            raise SimulatorLost("nobody is there")
+        return simulator
+
+    monkeypatch.setattr(watched_game, "Pace", Told)
+    settings = Settings(3, {}, {})
+    with open_website(0, lambda page: watch_game(page, reach, "archer", settings, 30.0), "watch.html") as url:
+        page = Page(url)
+        page.take("lost")
+        page.send("clock", running=False)
+        page.take("game")
+        with pytest.raises(TimeoutError):
+            page.take_within(0.3, "turn")
+        page.send("clock", running=True)
+        assert page.take("turn")["turn"] == 1
+        page.close()
 
 
 def test_a_page_sees_random_allowed_play_of_a_game_without_a_run(simulator, monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from joybridge.adapters.pygame_programs.tape import read_tape
 from joybridge.adapters.tapes import record, replay
-from joybridge.contract.argument_types import at_least, command_parser
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.errors import JoybridgeError
 from joybridge.simulator.program_options import split_arguments
 
@@ -45,7 +45,7 @@ def _parse(arguments: Sequence[str], prog: str) -> argparse.Namespace:
     records.add_argument("settings", nargs="*", default=[], metavar="KEY=VALUE", help="of the program, as in serve")
     records.add_argument("--decisions", type=at_least(1), default=256, help="most of them; default %(default)s")
     records.add_argument(
-        "--seed", type=at_least(0), default=0, help="of the program and of the play; default %(default)s"
+        "--seed", type=at_least(0, SEEDS), default=0, help="of the program and of the play; default %(default)s"
     )
     replays = whats.add_parser("replay", help="play a tape again: 1 is returned if a frame differs")
     replays.add_argument("tape", help="the file")

@@ -16,7 +16,7 @@ from joybridge.client.run_command import run_command, search_here
 from joybridge.client.simulator_source import last_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import merged_place
-from joybridge.contract.argument_types import at_least, command_parser
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.places import PYGAME
 from joybridge.progress import Progress, say
 from joybridge.run.folder import play_config, run_spec
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     )
     drive.add_argument("policy", metavar="RUN", type=Path, help="folder of a run, or its policy.onnx or policy.json")
     drive.add_argument("--episodes", type=at_least(1), default=1, help="how many are played; default %(default)s")
-    drive.add_argument("--seed", type=at_least(0), default=1, help="of action sampling; default %(default)s")
+    drive.add_argument("--seed", type=at_least(0, SEEDS), default=1, help="of action sampling; default %(default)s")
     drive.add_argument("--checkpoint", default="", metavar="WHICH", help="its timesteps, or best; default: the newest")
     drive.add_argument("--deterministic", action="store_true", help="take the most probable action")
     add_trust_option(drive)

@@ -17,7 +17,7 @@ from joybridge.client.command_line import (
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.overrides import add_overrides, parse_overrides
 from joybridge.config.programs import as_trained
-from joybridge.contract.argument_types import at_least, command_parser
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.places import PYGAME
 from joybridge.progress import say
 from joybridge.run.checkpoint import load_checkpoint
@@ -38,7 +38,7 @@ def playing_parser(prog: str, name: str, text: str) -> tuple[argparse.ArgumentPa
     command.add_argument("run", type=Path, help="folder of a run")
     command.add_argument(
         "--seed",
-        type=at_least(0),
+        type=at_least(0, SEEDS),
         default=SEED,
         help="seed of environments and action sampling; default %(default)s. With the seed of its training, a run "
         "would play episodes from which it has learned",

@@ -20,7 +20,7 @@ from joybridge.client.run_command import run_command
 from joybridge.client.simulator_source import choose_simulators, last_simulators, open_simulators
 from joybridge.config.errors import ConfigError
 from joybridge.config.overrides import add_overrides, parse_overrides
-from joybridge.contract.argument_types import at_least, command_parser
+from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.play.figures import add_figures
 from joybridge.progress import say
 from joybridge.run.folder import play_config, run_config
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "may be repeated",
     )
     rates.add_argument(
-        "--seed", type=at_least(0), default=1, help="seed of games, seats and samples; default %(default)s"
+        "--seed", type=at_least(0, SEEDS), default=1, help="seed of games, seats and samples; default %(default)s"
     )
     rates.add_argument(
         "--anchor", metavar="PLAYER", help="whose rating is 0; default: the earliest policy of the first run"

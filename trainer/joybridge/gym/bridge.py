@@ -13,7 +13,7 @@ from joybridge.client.client import Session
 from joybridge.client.launch import simulator_process
 from joybridge.client.own_games import choose_game
 from joybridge.config.errors import ConfigError
-from joybridge.config.game_settings import drawn, fixed
+from joybridge.config.game_settings import check_value, drawn, fixed
 from joybridge.contract.limits import max_pictures
 from joybridge.contract.spec import choose_parameters
 from joybridge.contract.tensors import Array
@@ -113,6 +113,7 @@ class Bridge:
         seed = None if seed is None else check_seed(seed)
         if seed is not None or parameters or not self.fresh:
             for name, value in parameters.items():
+                check_value(name, value)
                 if isinstance(value, Mapping):
                     raise ConfigError(
                         f"reset: parameters.{name} is {value!r}, expected a number; give a distribution where the "

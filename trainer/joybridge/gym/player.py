@@ -1,5 +1,6 @@
 """One policy in an environment: what it observes, which rewards it gets, and how its actions reach the device."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -53,6 +54,9 @@ class EnvPlayer:
         sensors, weights = ((each or {}).get(name) for each in (settings.sensors, settings.reward_weights))
         if sensors is not None and not sensors:
             raise ConfigError(f"{name}: sensors is empty, expected at least one; leave it out to use all")
+        for channel, weight in (weights or {}).items():
+            if not isinstance(weight, int | float | np.number) or not math.isfinite(weight):
+                raise ConfigError(f"{name}: reward_weights[{channel!r}] is {weight!r}, expected a finite number")
         self._encoder = ObservationEncoder(name, behavior, sensors, weights or {})
         images = [sensor.name for sensor in self._encoder.sensors if sensor.HasField("image")]
         if settings.flatten and images:

@@ -36,10 +36,15 @@ class EnvSettings:
 
     def __post_init__(self) -> None:
         """Check what is not checked by the simulator."""
-        if not isinstance(self.arenas, int) or self.arenas < 1:
-            raise ConfigError(f"arenas is {self.arenas!r}, expected an integer of at least 1")
-        if self.frame_stack < 1:
-            raise ConfigError(f"frame_stack is {self.frame_stack}, expected at least 1")
+        for name in ("arenas", "frame_stack"):
+            if not isinstance(value := getattr(self, name), int | np.integer) or value < 1:
+                raise ConfigError(f"{name} is {value!r}, expected an integer of at least 1")
+            object.__setattr__(self, name, int(value))
+        if not isinstance(self.layout, str):
+            raise ConfigError(f"layout is {self.layout!r}, expected the name of one, as 'hybrid'")
+        for name, choice in (self.options or {}).items():
+            if not isinstance(choice, str):
+                raise ConfigError(f"options.{name} is {choice!r}, expected one of its choices, in quotes")
         if self.forbidden not in FORBIDDEN:
             raise ConfigError(f"forbidden is {self.forbidden!r}, expected one of {', '.join(FORBIDDEN)}")
         if self.render_mode not in (None, "rgb_array"):

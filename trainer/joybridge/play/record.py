@@ -54,7 +54,7 @@ def record(
                 seen = view.beside(marked, decision.after if last else decision.before, play.remembered())
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number} of {frames} frames" if frames else f"{ended} of {episodes} episodes")
-        if not ended:
+        if seconds is not None and not ended:
             say(f"no episode has ended within {seconds:g} s; --episodes 1 records a whole one")
     return number
 

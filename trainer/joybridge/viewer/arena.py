@@ -122,7 +122,7 @@ class Arena:
 
         Raises StorageError.
         """
-        if self._demonstration and not self.discarded:
+        if self._demonstration and not self.discarded and (self._since or self._last):
             self._demonstration.discard(self._since or self._last)
             self.discarded = True
 

@@ -16,12 +16,19 @@ def interval(spec: pb.GameSpec) -> float:
     return spec.tick_seconds * spec.decision_interval or SLOWEST
 
 
-def pause(page: ServerConnection, due: float, running: bool) -> bool:
-    """Wait until a time, or until the page sends something; return whether it lets the game run."""
-    try:
-        message = read_message(page.recv(max(0.0, due - time.monotonic())), None)
-    except TimeoutError:
-        return running
-    except MessageError:
-        return running
-    return message.running if isinstance(message, Clock) else running
+class Pace:
+    """Whether a page lets what it watches run: it may stop that while a game is lost, and before there is one."""
+
+    def __init__(self, page: ServerConnection) -> None:
+        """Let it run."""
+        self.running = True
+        self._page = page
+
+    def wait(self, due: float) -> None:
+        """Wait until a time, or until the page sends something."""
+        try:
+            message = read_message(self._page.recv(max(0.0, due - time.monotonic())), None)
+        except (TimeoutError, MessageError):
+            return
+        if isinstance(message, Clock):
+            self.running = message.running

@@ -259,9 +259,9 @@ def waiting_message(here: int, places: int) -> str:
     )
 
 
-def error_message(kind: str, error: Exception) -> str:
-    """Return the message `lost` or `refused` with a sentence."""
-    return _write(kind, text=str(error))
+def error_message(kind: str, error: Exception, *, playing: bool = False) -> str:
+    """Return the message `lost` or `refused` with a sentence. playing: whether the game before can go on."""
+    return _write(kind, text=str(error), playing=playing)
 
 
 def encode_picture(picture: Array) -> bytes:

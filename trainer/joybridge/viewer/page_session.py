@@ -203,5 +203,5 @@ def _receive(room: Room, arena: Arena | None, seconds: float | None) -> tuple[in
     try:
         return place, read_message(data, arena)
     except MessageError as error:
-        room.send(place, error_message("refused", error))
+        room.send(place, error_message("refused", error, playing=arena is not None))
         return place, None

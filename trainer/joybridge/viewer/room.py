@@ -60,9 +60,12 @@ class Room:
 
     def gather(self) -> None:
         """Wait until all places are taken; those who wait learn how many are. Raises PageLeft if the only one has."""
+        told: list[ServerConnection | None] = []
         while None in (seated := list(self._seated)):
             self._playing = [page for page in seated if page is not None]
-            self.send_all(waiting_message(len(self._playing), self.places))
+            if seated != told:  # a page answers each of these messages
+                self.send_all(waiting_message(len(self._playing), self.places))
+                told = seated
             page, _ = self._received.get()
             if self.places == 1 and page not in self._seated:
                 raise PageLeft

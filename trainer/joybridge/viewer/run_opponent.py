@@ -1,5 +1,6 @@
 """Who plays beside the person: policies of a run in an arena of their own, or others in its own. Needs torch."""
 
+import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -98,5 +99,5 @@ def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Set
 
 
 def _overrides(settings: Settings) -> list[str]:
-    options = [f"options.{name}={choice}" for name, choice in settings.options.items()]
+    options = [f"options.{name}={json.dumps(choice)}" for name, choice in settings.options.items()]
     return options + [f"parameters.{name}={value!r}" for name, value in settings.parameters.items()]

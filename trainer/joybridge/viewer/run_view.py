@@ -25,7 +25,7 @@ from joybridge.policy.actor import policy_state
 from joybridge.run.checkpoint import checkpoints
 from joybridge.run.run_state import load_state
 from joybridge.viewer.arena import Settings
-from joybridge.viewer.clock import LOOK_SECONDS, interval, pause
+from joybridge.viewer.clock import LOOK_SECONDS, Pace, interval
 from joybridge.viewer.messages import encode_picture, game_message, turn_message
 from joybridge.viewer.scores import Scores
 
@@ -77,44 +77,52 @@ def watch(page: ServerConnection, run: Path, reach: Callable[[], str], seed: int
     reach: returns the address of a simulator that answers. Before there is a checkpoint, only the curves are shown.
     only_game: which of several games is played; "": the first.
     """
-    shown: dict[str, Any] = {}
+    pace, curves = Pace(page), Curves(page, run)
     while True:
-        shown = _show_curves(page, run, shown)
         try:
+            curves.show()
             with open_play(PlaySpec(run, reach(), seed=seed, only_game=only_game)) as play:
-                _watch_arena(page, run, Watched(run, play, seed), shown)
+                _watch_arena(page, pace, Watched(run, play, seed), curves)
         except JoybridgeError as error:
             page.send(json.dumps({"type": "lost", "text": str(error)}))
-        pause(page, time.monotonic() + LOOK_SECONDS, True)
+        pace.wait(time.monotonic() + LOOK_SECONDS)
 
 
-def _watch_arena(page: ServerConnection, run: Path, watched: Watched, shown: dict[str, Any]) -> None:
+def _watch_arena(page: ServerConnection, pace: Pace, watched: Watched, curves: "Curves") -> None:
     page.send(game_message(watched))
-    running, looked, due = True, time.monotonic(), time.monotonic()
+    looked = due = time.monotonic()
     while True:
-        running = pause(page, due, running)
+        pace.wait(due)
         now = time.monotonic()
         if now > looked + LOOK_SECONDS:
-            shown = _show_curves(page, run, shown)
+            curves.show()
             watched.renew()
             looked = now
-        if running:
+        if pace.running:
             watched.play()
             page.send(turn_message(watched, None, None, outputs=watched.outputs, timesteps=watched.timesteps))
             for picture in watched.pictures:
                 page.send(encode_picture(picture))
-        due = max(due, now) + interval(watched.spec) if running else now + LOOK_SECONDS
+        due = max(due, now) + interval(watched.spec) if pace.running else now + LOOK_SECONDS
 
 
-def _show_curves(page: ServerConnection, run: Path, shown: dict[str, Any]) -> dict[str, Any]:
-    """Send the metrics of all policies, if they have changed; return them."""
-    curves: dict[str, dict[str, list[tuple[float, float]]]] = {}
-    for path in sorted(run.glob("metrics-*.csv")):
-        own = curves.setdefault(path.stem.removeprefix("metrics-"), {})
-        for row in read_rows(path):
-            for name, value in row.items():
-                if name != "timesteps" and math.isfinite(value):
-                    own.setdefault(name, []).append((row["timesteps"], value))
-    if curves != shown:
-        page.send(json.dumps({"type": "curves", "policies": curves}))
-    return curves
+class Curves:
+    """The metrics of all policies of a run, as a page shows them."""
+
+    def __init__(self, page: ServerConnection, run: Path) -> None:
+        """Show nothing yet."""
+        self._page, self._run = page, run
+        self._shown: dict[str, dict[str, list[tuple[float, float]]]] = {}
+
+    def show(self) -> None:
+        """Send them, if they have changed. Raises CheckpointError for a file that is no file of metrics."""
+        curves: dict[str, dict[str, list[tuple[float, float]]]] = {}
+        for path in sorted(self._run.glob("metrics-*.csv")):
+            own = curves.setdefault(path.stem.removeprefix("metrics-"), {})
+            for row in read_rows(path):
+                for name, value in row.items():
+                    if name != "timesteps" and math.isfinite(value):
+                        own.setdefault(name, []).append((row["timesteps"], value))
+        if curves != self._shown:
+            self._page.send(json.dumps({"type": "curves", "policies": curves}))
+            self._shown = curves

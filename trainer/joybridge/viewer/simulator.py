@@ -8,8 +8,10 @@ from typing import Self
 from joybridge.client.client import wait_for
 from joybridge.client.errors import SimulatorLost
 from joybridge.client.launch import simulator_process
+from joybridge.client.reachability import why_closed
 
 ANSWER_SECONDS = 1.0  # for a simulator to answer
+BUSY_SECONDS = 10.0  # the same for one that was started here, before its games are given up
 
 
 class Simulator:
@@ -32,10 +34,24 @@ class Simulator:
                 except SimulatorLost:
                     if self._given is not None:
                         raise
+                    if self._is_busy():
+                        return self._address
             self._started.close()
             self._address = None  # until another one answers
             self._address = self._started.enter_context(simulator_process(self._games))
             return self._address
+
+    def _is_busy(self) -> bool:
+        """Return whether the simulator that was started lives and answers after all: others may play there."""
+        assert self._address is not None
+        host, _, port = self._address.rpartition(":")
+        if why_closed(host, int(port)):
+            return False
+        try:
+            wait_for(self._address, BUSY_SECONDS, lambda text: None)
+        except SimulatorLost:
+            return False
+        return True
 
     def __enter__(self) -> Self:
         return self

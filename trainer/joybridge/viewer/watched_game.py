@@ -9,7 +9,7 @@ from websockets.sync.server import ServerConnection
 from joybridge.commands.look import decisions_apart
 from joybridge.contract.errors import JoybridgeError
 from joybridge.viewer.arena import Arena, Settings
-from joybridge.viewer.clock import LOOK_SECONDS, interval, pause
+from joybridge.viewer.clock import LOOK_SECONDS, Pace, interval
 from joybridge.viewer.messages import encode_picture, error_message, game_message, turn_message
 
 
@@ -18,24 +18,25 @@ def watch_game(page: ServerConnection, reach: Callable[[], str], game: str, sett
 
     reach: returns the address of the simulator if it answers; it is tried again until it does.
     """
+    pace = Pace(page)
     while True:
         try:
             with closing(Arena(reach(), game, settings, timeout)) as arena:
-                _watch(page, arena)
+                _watch(page, pace, arena)
         except JoybridgeError as error:
             page.send(error_message("lost", error))
-        pause(page, time.monotonic() + LOOK_SECONDS, True)
+        pace.wait(time.monotonic() + LOOK_SECONDS)
 
 
-def _watch(page: ServerConnection, arena: Arena) -> None:
+def _watch(page: ServerConnection, pace: Pace, arena: Arena) -> None:
     page.send(game_message(arena))
-    running, due = True, time.monotonic()
+    due = time.monotonic()
     while True:
-        running = pause(page, due, running)
+        pace.wait(due)
         now = time.monotonic()
-        if running:
+        if pace.running:
             arena.play_at_random(decisions_apart(arena.spec))
             page.send(turn_message(arena, None, None))
             for picture in arena.pictures:
                 page.send(encode_picture(picture))
-        due = max(due, now) + interval(arena.spec) if running else now + LOOK_SECONDS
+        due = max(due, now) + interval(arena.spec) if pace.running else now + LOOK_SECONDS

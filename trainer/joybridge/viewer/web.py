@@ -114,6 +114,7 @@ def open_website(
         max_size=MAX_MESSAGE_BYTES,
         logger=silent,
         server_header=None,
+        open_timeout=2.0,  # the end waits for connections on which nothing has come
         close_timeout=1.0,
     ) as server:
         Thread(target=server.serve_forever, daemon=True).start()

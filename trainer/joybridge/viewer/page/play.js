@@ -69,6 +69,7 @@ function take(message) {
     curtain("The simulator is gone", `${message.text}. Trying again …`, { trouble: true });
   } else if (message.type === "refused") {
     hold();
+    state.ready = message.playing && state.turn !== null; // the game before goes on with a click
     curtain("That cannot be played", message.text, { trouble: true });
     $("settings-card").open = true;
   }
@@ -83,6 +84,8 @@ function begin(game) {
   }
   Object.assign(state, { game, controls: loadControls(game), running: false, turn: null, seat: game.seat });
   state.chosen.clear();
+  opening = null; // it is of the game before
+  clearTimeout(timer);
   forget();
   document.title = `${game.name} · Joybridge`;
   $("name").textContent = game.name;
