@@ -56,7 +56,7 @@ from joybridge.compare.variants import (
 )
 from joybridge.config.config import load_config
 from joybridge.config.config_files import find_config
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.config.metrics import HELD_OUT, metrics_name, numbers
 from joybridge.contract.errors import JoybridgeError
 from joybridge.progress import say
@@ -279,7 +279,7 @@ def held_out_analysis(
     given = argparse.Namespace(**{**vars(options), "metric": f"{HELD_OUT}{options.metric}"})
     try:
         runs = {job: finished_run(job, policies[label], results, given) for job, label in jobs.items()}
-    except ConfigError:  # no such column
+    except (ConfigError, CheckpointError):  # no such column, or one with a number that is not finite
         return None
     return analyze(given.metric, by_variant(runs, jobs), tested=tested)
 

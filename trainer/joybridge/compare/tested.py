@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from joybridge.client.command_line import wanted_simulators
+from joybridge.client.errors import SimulatorLost
 from joybridge.client.simulator_source import open_simulators
 from joybridge.compare.job import Job
 from joybridge.compare.kept_tests import PlayedTest, Reached, find_result, keep_result
@@ -144,6 +145,8 @@ def test_runs(
                         found = _play(job.run, test, address)
                     except JoybridgeError as error:
                         failed[job] = str(error)
+                        if isinstance(error, SimulatorLost):
+                            address = ""  # the next run has another one
                         continue
                     keep_result(job.run, test, found)
                     played += 1

@@ -16,7 +16,9 @@ export function element(kind, properties = {}, ...children) {
 
 // Returns a number as text that is not longer than it needs to be.
 export function number(value) {
-  return Number.isInteger(value) ? String(value) : value.toFixed(Math.abs(value) >= 100 ? 1 : 2);
+  const size = Math.abs(value);
+  if (Number.isInteger(value)) return String(value);
+  return size >= 0.1 ? value.toFixed(size >= 100 ? 1 : 2) : value.toPrecision(2); // 0.0003 is no 0.00
 }
 
 export class Panel {
