@@ -148,6 +148,7 @@ class Session:
 
     def reset(self, seed: int | None = None, parameters: Mapping[str, float] | None = None) -> list[StepArrays]:
         """Begin new episodes in all arenas and return their first observations. Raises SimulatorError."""
+        self._drawn.difference_update(parameters or ())  # a value ends the distribution of its parameter
         return self._run(self._ask, pb.PlayRequest(reset=pb.Reset(seed=seed, parameters=parameters or {}))).steps
 
     def failed_arenas(self) -> list[int]:
@@ -169,6 +170,8 @@ class Session:
 
     def repeat(self, request: pb.PlayRequest) -> list[StepArrays]:
         """Send an Act or Reset of another session, and return the step that answers it. Raises SimulatorError."""
+        self._drawn.update(request.act.distributions, request.reset.distributions)
+        self._drawn.difference_update(request.reset.parameters)
         return self._run(self._ask, request, len(request.act.draw)).steps
 
     def record_faults(self, folder: Path) -> None:
@@ -238,6 +241,7 @@ class Session:
     def _act(self, acts: Sequence[ActArrays], draw: Sequence[int] = ()) -> pb.PlayRequest:
         """Return the request for one timestep, with pictures of the arenas in `draw`."""
         coming, self._coming = self._coming, {}
+        self._drawn.update(coming)
         request = pb.PlayRequest(act=pb.Act(draw=draw, distributions=coming))
         for act in acts:
             fill_act(request.act.behaviors.add(), act)
@@ -245,19 +249,14 @@ class Session:
 
     def _send(self, acts: Sequence[ActArrays]) -> None:
         request = self._act(acts)
-        self._note(request)
-        self._stream.send(request)
-
-    def _note(self, request: pb.PlayRequest) -> None:
-        """Note a request that is about to be sent."""
-        self._drawn.update(request.act.distributions, request.reset.distributions)
-        self._drawn.difference_update(request.reset.parameters)
         if self._log is not None:
             self._log.sent(request)
+        self._stream.send(request)
 
     def _ask(self, request: pb.PlayRequest, pictures: int = 0) -> Outcome:
         """Send a request and return the step that answers it, with so many pictures. Raises SimulatorError."""
-        self._note(request)
+        if self._log is not None:
+            self._log.sent(request)
         return self._receive(partial(self._stream.ask, request), pictures)
 
     def _receive(self, response: Callable[[], pb.PlayResponse], pictures: int = 0) -> Outcome:
