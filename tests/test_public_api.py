@@ -50,6 +50,7 @@ def test_the_packages_docstring_lists_every_public_name():
 
 
 PROMISED = [
+    "joybridge.adapters.hooks",
     "joybridge.adapters.tapes",
     *(
         f"joybridge.contract.{name}"

@@ -110,8 +110,13 @@ def _file_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpe
     """Let an exported policy play; see `_run_at_play`. Its program has no settings but those of the command line."""
     if options.checkpoint or options.deterministic:
         raise ConfigError(f"--checkpoint and --deterministic are for runs; {options.policy} was exported with its own")
-    from joybridge.play.policy_file import play_file
-    from joybridge.policy.exported import load_exported, read_exported, read_policy_file
+    try:
+        from joybridge.play.policy_file import play_file
+        from joybridge.policy.exported import load_exported, read_exported, read_policy_file
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"{options.policy}: needs the module {error.name}; install it with `pip install 'joybridge[export]'`"
+        ) from None
 
     about, _ = read_exported(read_policy_file(options.policy), str(options.policy))
     held = device_settings([axis.name for axis in about.axes], [branch.name for branch in about.branches])

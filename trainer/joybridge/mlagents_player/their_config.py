@@ -58,7 +58,7 @@ BEHAVIOR = {
     "reward_signals.extrinsic.network_settings": Key(None, instead="the critic has the network of the policy"),
     "reward_signals": Key(None, instead="rewards are those of the game: there is no curiosity, GAIL or RND here"),
     "behavioral_cloning": Key(None, instead="put your files .demo into a folder, and add --demos DIR"),
-    "self_play": Key(None, instead="agents of one behavior share the newest policy here"),
+    "self_play": Key(None, instead="use the key `opponents`, as in `opponents.shares.past=0.5`"),
 }
 VALUES: dict[str, dict[Any, str]] = {  # ours, where they have other names
     "network_settings.normalize": {False: "none", True: "running"},
