@@ -6,7 +6,7 @@ python -m tools.worlds foes FOLDER       writes results/foes, from runs of
 python -m tools.worlds cameras FOLDER    writes results/cameras, from runs of
     joybridge compare shooting_birds/fast --layouts bucket-11 hybrid multiagent \
         --set options.camera=edge,axis,drag --seeds 3 --output FOLDER/rays total_timesteps=3000000 stratify_by=null
-    and of the same with --output FOLDER/birds, total_timesteps=6000000, and
+    and of the same with --output FOLDER/birds and
         options.nearest_birds=shown options.hints=on options.locomotion=axes
 
 Without FOLDER, or what it lacks, the page is written again from the metrics in its own folder.
