@@ -11,7 +11,7 @@ from joybridge.client.launch import simulator_process
 from joybridge.client.reachability import why_closed
 
 ANSWER_SECONDS = 1.0  # for a simulator to answer
-BUSY_SECONDS = 10.0  # the same for one that was started here, before its games are given up
+BUSY_SECONDS = 10.0  # the same, before games that others may play are given up
 
 
 class Simulator:
@@ -29,29 +29,20 @@ class Simulator:
         with self._lock:
             if self._address is not None:
                 try:
-                    wait_for(self._address, ANSWER_SECONDS, lambda text: None)
+                    wait_for(self._address, self._patience(self._address), lambda text: None)
                     return self._address
                 except SimulatorLost:
                     if self._given is not None:
                         raise
-                    if self._is_busy():
-                        return self._address
             self._started.close()
             self._address = None  # until another one answers
             self._address = self._started.enter_context(simulator_process(self._games))
             return self._address
 
-    def _is_busy(self) -> bool:
-        """Return whether the simulator that was started lives and answers after all: others may play there."""
-        assert self._address is not None
-        host, _, port = self._address.rpartition(":")
-        if why_closed(host, int(port)):
-            return False
-        try:
-            wait_for(self._address, BUSY_SECONDS, lambda text: None)
-        except SimulatorLost:
-            return False
-        return True
+    def _patience(self, address: str) -> float:
+        """Return how long to wait: longer for one that was started here and lives, as others may play there."""
+        host, _, port = address.rpartition(":")
+        return BUSY_SECONDS if self._given is None and not why_closed(host, int(port)) else ANSWER_SECONDS
 
     def __enter__(self) -> Self:
         return self

@@ -44,7 +44,7 @@ class Chance:
         self._seed_shared(FIRST_SEED)
 
     def begin(self, seed: int) -> None:
-        """Begin an episode: seed every generator that the process shares, and those that it has not seeded so far."""
+        """Begin an episode: seed every generator that the process shares, and those that the program has not seeded."""
         self._begun = True
         self._seed_shared(seed)
         for generator in self._early.values():
