@@ -14,7 +14,7 @@ from joybridge.client.command_line import add_trust_option
 from joybridge.client.launch import simulator_process
 from joybridge.client.run_command import run_command, search_here
 from joybridge.client.simulator_source import last_simulators
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import ConfigError, no_export
 from joybridge.config.programs import merged_place
 from joybridge.contract.argument_types import SEEDS, at_least, command_parser
 from joybridge.contract.places import PYGAME
@@ -114,9 +114,7 @@ def _file_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpe
         from joybridge.play.policy_file import play_file
         from joybridge.policy.exported import load_exported, read_exported, read_policy_file
     except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"{options.policy}: needs the module {error.name}; install it with `pip install 'joybridge[export]'`"
-        ) from None
+        raise no_export(options.policy, error) from None
 
     about, _ = read_exported(read_policy_file(options.policy), str(options.policy))
     held = device_settings([axis.name for axis in about.axes], [branch.name for branch in about.branches])

@@ -53,6 +53,11 @@ class ExportError(JoybridgeError):
     """An exported policy that does not play as the trainer does; nothing is written."""
 
 
+def no_export(file: object, error: ModuleNotFoundError) -> ConfigError:
+    """Return the error of an exported policy where the extra that plays it is not installed."""
+    return ConfigError(f"{file}: needs the module {error.name}; install it with `pip install 'joybridge[export]'`")
+
+
 def no_picture(game: str) -> ConfigError:
     """Return the error of a game that cannot be drawn."""
     return ConfigError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from joybridge.config.errors import ConfigError
+from joybridge.config.errors import ConfigError, no_export
 from joybridge.policy.actor import Actor, trained_actors
 from joybridge.policy.scripted import find_scripts
 from joybridge.policy.table import Guest, Table
@@ -79,7 +79,5 @@ def _load_file(file: Path, spec: pb.GameSpec) -> Guest:
     try:
         from joybridge.policy.exported import load_exported  # what it needs is an extra of its own
     except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"{file}: needs the module {error.name}; install it with `pip install 'joybridge[export]'`"
-        ) from None
+        raise no_export(file, error) from None
     return load_exported(file, spec)
