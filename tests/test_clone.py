@@ -236,3 +236,11 @@ def test_what_cannot_be_cloned_is_named(more, message, demos, tmp_path, capsys):
 def test_a_folder_without_a_demonstration_is_named(tmp_path, capsys):
     assert main(["clone", str(tmp_path)]) == 1
     assert f"error: demonstrations: {tmp_path} holds no file *.demo" in capsys.readouterr().err
+
+
+def test_options_of_a_configuration_give_way_to_the_recorded_ones_and_it_says_so(demos, tmp_path, capsys):
+    config, run = tmp_path / "other.yaml", tmp_path / "run"
+    config.write_text(f"game: hybrid\noptions: {{masks: 'on'}}\n{SMALL[0].replace('=', ': ', 1)}\n")
+    assert main(["clone", str(demos), "--config", str(config), "--run", str(run), "--passes", "2"]) == 0
+    assert "the options {'masks': 'on'} of --config are replaced" in capsys.readouterr().err
+    assert run_config(run).options["masks"] == "off"

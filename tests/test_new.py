@@ -24,7 +24,7 @@ from joybridge.simulator import GameSpec, axis, behavior, button, image, sensor
 from joybridge.simulator.catalog import load_game
 from joybridge.simulator.new_game import starter
 from joybridge.simulator.new_game.starter import starter_config
-from joybridge.simulator.new_game.write import TEMPLATE
+from joybridge.simulator.new_game.write import TEMPLATE, NewGameError, write_new
 from tests.support.command_line import joybridge
 
 ROOT = Path(__file__).parents[1]
@@ -223,6 +223,14 @@ def test_nothing_is_overwritten(suffix, folder, capsys):
     wanted = f"error: {path.name} exists and is not overwritten; choose another name or --folder\n"
     assert capsys.readouterr().err == wanted
     assert [(path.name, path.read_text()) for path in folder.iterdir()] == [(path.name, "precious")]
+
+
+def test_nothing_is_left_behind_when_not_everything_can_be_written(tmp_path):
+    first, second = tmp_path / "game.py", tmp_path / "folder" / "game.yaml"
+    second.parent.write_text("no folder", encoding="utf-8")
+    with pytest.raises(NewGameError, match="choose another --folder"):
+        write_new({first: "text", second: "text"})
+    assert not first.exists()
 
 
 def test_a_folder_that_is_none_is_refused(folder, capsys):

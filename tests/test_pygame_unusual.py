@@ -183,3 +183,16 @@ def test_a_queued_sound_is_forgotten_when_another_one_plays_or_the_channel_stops
     settings = hook(tmp_path, "def state(program): return program.n\n")
     step = steps(program(tmp_path, HEAD + body + SHOW, f"reward=sound:b {settings}"), 60)[-1]
     assert step.observations[1].tolist() == [[0, 1, 0, 0]] and step.rewards.tolist() == [[0.0]]
+
+
+def test_music_that_begins_later_in_its_file_ends_earlier(tmp_path):
+    (tmp_path / "a.mp3").write_bytes(bytes(16_000))  # a second of 128 kbit
+    body = (
+        "pygame.mixer.music.load('a.mp3')\npygame.mixer.music.play(start=0.9)\nn, busy = [0, 0], 0\n"
+        + LOOP
+        + "    busy += 1\n    n[busy > 12] += pygame.mixer.music.get_busy()\n"
+    )
+    settings = hook(tmp_path, "def state(program): return program.n\n")
+    step = steps(program(tmp_path, HEAD + body + SHOW, settings), 10)[-1]
+    during, after = step.observations[1][0]
+    assert 0 < during <= 7 and after == 0

@@ -14,6 +14,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.matches import read_matches
 from joybridge.run.train import train
+from joybridge.viewer import page_session
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.run_opponent import load_others, open_rival, rate_people, run_settings
 from joybridge.viewer.simulator import Simulator
@@ -148,6 +149,26 @@ def test_a_page_that_finds_no_place_is_sent_away_and_takes_one_that_is_free(simu
         other.close()
 
 
+def test_a_defect_closes_the_pages_and_the_room_takes_others(simulator, monkeypatch, caplog):
+    play = page_session._play_session
+    failed: list[bool] = []
+
+    def fail_once(*arguments):
+        if not failed:
+            failed.append(True)
+            raise RuntimeError("a defect")
+        return play(*arguments)
+
+    monkeypatch.setattr(page_session, "_play_session", fail_once)
+    with website(Simulator(simulator, ()), "noughts", people=2) as url:
+        for page in (Page(url), Page(url)):
+            with pytest.raises(ConnectionClosed):
+                page.take("game")
+        for page in together(url):
+            page.close()
+    assert "RuntimeError: a defect" in caplog.text
+
+
 def test_a_match_of_two_people_who_agree_is_rated(simulator, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rated = partial(rate_people, [], ["Ada", "Bob"])
@@ -183,10 +204,17 @@ def test_people_and_others_need_seats(simulator, capsys, arguments, text):
 
 
 @pytest.mark.usefixtures("signals")
-def test_who_wants_to_be_rated_names_others(capsys):
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--rate", "Ada"], "--rate needs others to play against"),
+        (["--players", "2", "--rate", "Bob", "--rate", "Bob"], "got Bob and Bob, expected a name of its own"),
+    ],
+)
+def test_who_is_rated_has_a_name_of_their_own_and_somebody_to_play_against(capsys, arguments, text):
     with pytest.raises(SystemExit):
-        main(["play", "noughts", "--rate", "Ada"])
-    assert "--rate needs others to play against" in capsys.readouterr().err
+        main(["play", "noughts", *arguments])
+    assert text in capsys.readouterr().err
 
 
 def test_a_policy_plays_beside_the_person_on_the_same_seed(simulator, run):

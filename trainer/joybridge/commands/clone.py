@@ -121,6 +121,9 @@ def _config(given: Config | None, overrides: Sequence[str], recorded: Recorded, 
     for name, value in read_overrides(overrides).get("options", {}).items():
         if recorded.options.get(name) != value:
             raise ConfigError(f"options.{name}: got {value!r}, but {folder} shows {recorded.options}; leave it out")
+    replaced = {name: value for name, value in given.options.items() if recorded.options.get(name) != value}
+    if replaced:
+        say(f"the options {replaced} of --config are replaced by those of {folder}: {recorded.options}")
     return given.model_copy(update=known)
 
 

@@ -1,5 +1,6 @@
 """A video file that is written picture by picture."""
 
+import os
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -13,13 +14,14 @@ from joybridge.play.video_formats import video_format
 
 
 class VideoFile:
-    """An open video; leaving the block completes it."""
+    """An open video. Leaving the block completes it, also by Ctrl-C; an error leaves the file as it was before."""
 
     def __init__(self, output: Path, width: int, height: int, rate: float) -> None:
         """Create the file, whose name says its format. width, height: of the pictures. rate: pictures per second."""
         form, exact = video_format(output), Fraction(rate).limit_denominator(1000)
         output.parent.mkdir(parents=True, exist_ok=True)
-        self._file = av.open(str(output), "w")
+        self._output, self._part = output, output.with_name(f".{output.stem}.{os.getpid()}{output.suffix}")
+        self._file = av.open(str(self._part), "w")
         self._stream = cast(av.VideoStream, self._file.add_stream(form.codec, rate=exact))
         # yuv420p has even sizes: an odd picture loses its last row or column.
         self._stream.width, self._stream.height = (side // 2 * 2 for side in (width, height))
@@ -39,11 +41,16 @@ class VideoFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        whole = error is None or isinstance(error, KeyboardInterrupt)
         try:
-            if error is None:
+            if whole:
                 self._file.mux(self._stream.encode())
+            self._file.close()
+            if whole:
+                self._part.replace(self._output)
         finally:
             self._file.close()
+            self._part.unlink(missing_ok=True)
 
 
 class _Palettes:

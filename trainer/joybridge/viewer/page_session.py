@@ -1,5 +1,6 @@
 """Play with the pages of a room: take their messages, and play a decision whenever the game's clock or they say so."""
 
+import logging
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, closing, nullcontext
@@ -36,6 +37,8 @@ if TYPE_CHECKING:  # they need torch
     from joybridge.policy.players import Players
     from joybridge.viewer.rated import RatedMatches
     from joybridge.viewer.run_opponent import Rival
+
+log = logging.getLogger("joybridge.trainer")
 
 Against = Callable[[str, Settings], "AbstractContextManager[Rival]"]  # takes the address of the simulator
 
@@ -74,17 +77,20 @@ def play(room: Room, simulator: Simulator, what: PageGame, settings: Settings) -
 
     Begin under `settings`, and again with those that a page asks for. Where there are places for several pages, wait
     for all of them, and again whenever one has gone away. A simulator that is lost is tried again until it answers.
+    A defect closes the pages, and the room takes others.
     """
-    try:
-        while True:
-            try:
-                room.gather()
-                settings = _play_session(room, simulator, what, settings)
-            except PageLeft:
-                if room.places == 1:
-                    return
-    finally:
-        room.close()
+    while True:
+        try:
+            room.gather()
+            settings = _play_session(room, simulator, what, settings)
+        except PageLeft:
+            if room.places == 1:
+                return
+        except Exception:
+            log.exception("a game with %d pages has ended by a defect of Joybridge", room.places)
+            room.close()
+            if room.places == 1:
+                return
 
 
 def _play_session(room: Room, simulator: Simulator, what: PageGame, settings: Settings) -> Settings:

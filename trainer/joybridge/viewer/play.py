@@ -117,6 +117,8 @@ def _parse(arguments: Sequence[str] | None, prog: str) -> argparse.Namespace:
     options = parse_overrides(parser, arguments)
     if options.rate and len(options.rate) != options.players:
         play.error(f"--rate: got {len(options.rate)} names, expected one for each of {options.players} players")
+    if len(set(options.rate)) < len(options.rate):
+        play.error(f"--rate: got {' and '.join(options.rate)}, expected a name of its own for each player")
     if options.rate and options.players == 1 and not options.others:
         play.error("--rate needs others to play against; name them with --others")
     if options.against and options.players > 1:

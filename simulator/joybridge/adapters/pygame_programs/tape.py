@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +32,7 @@ from joybridge.progress import Progress
 from joybridge.simulator.batched_game import GameError
 
 FORMAT = 2
+_NUMBERS = count()  # of the writers of this process: two sessions may write the tape of the same seed
 MAX_PICTURE_PIXELS = 480  # of width and height: a tape stays small enough to be kept beside a program
 
 
@@ -44,7 +46,7 @@ class TapeWriter:
     def __init__(self, path: Path, note: Mapping[str, Any]) -> None:
         """note: from `note_of`."""
         self.path, self._note = path, note
-        self._part = path.with_name(f"{path.name}.{os.getpid()}.part")
+        self._part = path.with_name(f"{path.name}.{os.getpid()}-{next(_NUMBERS)}.part")
         self._archive: zipfile.ZipFile | None = None
         self._acts: list[bytes] = []
         self._ends: list[int] = []

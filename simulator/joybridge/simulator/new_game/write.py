@@ -51,13 +51,20 @@ def check_new(paths: Iterable[Path]) -> None:
 
 
 def write_new(texts: Mapping[Path, str]) -> None:
-    """Write new files, and the folders that they are in. Raises NewGameError; existing files are never overwritten."""
+    """Write new files, all or none, and the folders that they are in. Existing ones are never overwritten.
+
+    Raises NewGameError.
+    """
+    created: list[Path] = []
     try:
         for path, text in texts.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("x", encoding="utf-8") as file:
+                created.append(path)
                 file.write(text)
     except OSError as error:
+        for path in created:
+            path.unlink(missing_ok=True)
         raise NewGameError(f"cannot write {error.filename}: {error.strerror}; choose another --folder") from error
 
 

@@ -215,6 +215,7 @@ class Music(Channel):
             raise pygame.error("music not loaded")
         self._begun = self._sounds.clock.now
         super().play(sound, 0 if isinstance(loops, _Sound) else int(loops))
+        self.ends -= round(start * SECOND)
 
     def queue(self, filename: Any, namehint: str = "", loops: int = 0) -> None:
         """Begin a file after the present one."""
