@@ -175,8 +175,8 @@ def page(title: str, *parts: str) -> str:
     return "\n\n".join([f"# {title}", *parts]) + "\n"
 
 
-PAGES: dict[str, Callable[[Path], str]] = {"foes": foes, "cameras": cameras}
-PARTS = {"foes": ["."], "cameras": list(CAMERAS)}  # folders of comparisons, below that of the page
+# How each page is written, and the folders of its comparisons, below that of the page.
+PAGES: dict[str, tuple[Callable[[Path], str], list[str]]] = {"foes": (foes, ["."]), "cameras": (cameras, [*CAMERAS])}
 
 
 def main() -> None:
@@ -185,12 +185,12 @@ def main() -> None:
     parser.add_argument("page", choices=PAGES)
     parser.add_argument("folder", type=Path, nargs="?", help="of the runs of `joybridge compare`")
     arguments = parser.parse_args()
-    folder = RESULTS / arguments.page
-    for part in PARTS[arguments.page]:
+    folder, (write, parts) = RESULTS / arguments.page, PAGES[arguments.page]
+    for part in parts:
         (folder / part).mkdir(parents=True, exist_ok=True)
         if arguments.folder and (arguments.folder / part / TABLE).exists():
             shutil.copy(arguments.folder / part / TABLE, folder / part / TABLE)
-    (folder / "README.md").write_text(PAGES[arguments.page](folder), encoding="utf-8")
+    (folder / "README.md").write_text(write(folder), encoding="utf-8")
 
 
 if __name__ == "__main__":
