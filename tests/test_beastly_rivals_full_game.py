@@ -15,7 +15,6 @@ from joybridge.games.beastly_rivals_full.geometry import SEATS
 from joybridge.games.beastly_rivals_full.scripts import FLEE, SCRIPTS, play
 from joybridge.games.beastly_rivals_full.state import DECISION_TICKS, HUNT, MAX_DECISIONS, START
 from joybridge.games.locomotion import LOCOMOTIONS
-from tests.support.measured import interpreted
 
 OPTIONS = {option.name: option.default_choice for option in BeastlyRivalsFull.options} | {"locomotion": "axes"}
 SURVIVAL, KILL, DEATH, HUMILIATION, PLACEMENT, BALL = range(6)
@@ -405,11 +404,6 @@ def test_a_seeded_run_against_scripts_gives_the_same_bytes_on_every_machine():
 def digest_of_a_short_run() -> str:
     beside, alone = play_beside_scripts(new_game(2, **SHORT), 100), play_at_random(new_game(2, **SHORT), 60)
     return digest(beside) + digest(alone)
-
-
-def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    run = interpreted("tests.support.digest", "tests.test_beastly_rivals_full_game")
-    assert run.split()[-1] == digest_of_a_short_run()
 
 
 def test_drawing_shows_the_state_and_leaves_it_alone():

@@ -13,7 +13,6 @@ from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.level_sets import LEVELS_OPTION
 from joybridge.games.locomotion import LOCOMOTIONS
 from joybridge.games.sight import SIGHT_OPTIONS
-from tests.support.measured import interpreted
 
 OPTIONS = {"rules": "original", "locomotion": "unit_circle", "slow_character": "on", "clock": "together"}
 OPTIONS |= {option.name: option.default_choice for option in [LEVELS_OPTION, *SIGHT_OPTIONS]}
@@ -233,10 +232,6 @@ def test_a_seeded_run_gives_the_same_bytes_on_every_machine(rules, golden):
 
 def digest_of_a_short_run() -> str:
     return hashlib.sha256(play(new_game(5, rules="corrected"), 100)).hexdigest()
-
-
-def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    assert interpreted("tests.support.digest", "tests.test_beastly_rivals_game").split()[-1] == digest_of_a_short_run()
 
 
 def test_drawing_shows_the_state_and_leaves_it_alone():

@@ -24,26 +24,6 @@ from tests.support.compared import OUT, SMALL, run_in
 pytestmark = pytest.mark.usefixtures("signals")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
-        (["--over", "parameters.sise=1,2"], "--over got parameters.sise; archer has options.observation=screen, "),
-        (["--over", "options.observation=no,state"], "--over got options.observation=no; archer has options.observ"),
-        (["--over", "policy.gamma=0.5,1"], "--over got 'policy.gamma=0.5,1', expected options.NAME=CHOICE"),
-        (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
-        (
-            ["--metric", "entropy", "--test"],
-            "--test got --metric entropy; of its episodes it has reward, length, hits, ",
-        ),
-    ],
-)
-def test_a_test_that_no_run_could_play_is_refused_before_anything_is_trained(words, message, tmp_path, simulator):
-    done = run_in(tmp_path, simulator, *words)
-    assert done.status == 1 and message in done.errors and "done" not in done.output
-    assert not (tmp_path / OUT / "runs").exists()
-
-
 def test_what_another_trainer_has_trained_plays_no_test():
     (variant,) = make_variants(["archer/hybrid"], [], [])
     options = command.parse(["compare", "archer/hybrid", "--output", "x", "--test"], "joybridge")
@@ -74,6 +54,15 @@ def test_options_of_a_test_are_for_a_comparison(words, message, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["--test", "parameters.sise=2"], "--test got parameters.sise; archer has options.observation=screen, "),
+        (["--over", "parameters.sise=1,2"], "--over got parameters.sise; archer has options.observation=screen, "),
+        (["--over", "options.observation=no,state"], "--over got options.observation=no; archer has options.observ"),
+        (["--over", "policy.gamma=0.5,1"], "--over got 'policy.gamma=0.5,1', expected options.NAME=CHOICE"),
+        (["--test", "policy.gamma=0.5"], "policy belongs to the training of hybrid and cannot change now; what can is"),
+        (
+            ["--metric", "entropy", "--test"],
+            "--test got --metric entropy; of its episodes it has reward, length, hits, ",
+        ),
         (
             ["total_timesteps=160"],
             "log_interval is 320, longer than the runs of 160 timesteps, so they have no metrics;",

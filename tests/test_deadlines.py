@@ -8,7 +8,6 @@ import pytest
 ROOT = Path(__file__).parents[1]
 MAKERS = {"unary_unary", "unary_stream", "stream_unary"}  # of channels: they return what calls a method
 # Streams last as long as a session; their answers have deadlines of their own (tests/test_client.py, test_check.py).
-STREAM = "stream_stream"
 
 
 def product():

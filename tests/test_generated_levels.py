@@ -12,7 +12,6 @@ from joybridge.games.level_sets import SETS
 from joybridge.games.shooting_birds import generator, script
 from joybridge.games.shooting_birds.game import ShootingBirds
 from joybridge.simulator.compiled import compiled
-from tests.support.measured import interpreted
 from tests.support.sweeps import sweep
 
 CELLS = 152  # of a quarter of a unit, along the screen
@@ -197,7 +196,3 @@ def digest_of_a_short_run() -> str:
     game = new_game(2, birds="mixed", camera="edge", hints="on")
     game.arenas.x, game.arenas.y = game.arenas.birds.x[:, 0], game.arenas.birds.y[:, 0]  # a bird sees the crosshair
     return "".join(sweep(game, 60))
-
-
-def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    assert interpreted("tests.support.digest", "tests.test_generated_levels").split()[-1] == digest_of_a_short_run()

@@ -12,7 +12,6 @@ from joybridge.contract.tensors import Array
 from joybridge.games.beastly_rivals import pitches as p
 from joybridge.games.beastly_rivals.game import BeastlyRivals
 from joybridge.games.level_sets import SETS
-from tests.support.measured import interpreted
 from tests.support.sweeps import sweep
 
 BATCH = 10_000
@@ -142,11 +141,6 @@ def test_a_seeded_run_gives_the_bytes_it_always_gave(observation):
 def digest_of_a_short_run() -> str:
     """Return the hash of a run on pitches."""
     return "".join(sweep(new_game(2), 30))
-
-
-def test_interpreted_rules_give_the_bytes_of_compiled_ones():
-    digest = interpreted("tests.support.digest", "tests.test_generated_pitches").split()[-1]
-    assert digest == digest_of_a_short_run()
 
 
 def test_a_picture_shows_the_pitch():

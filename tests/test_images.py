@@ -170,7 +170,7 @@ STEPS, LANES, STACK = 6, 4, 3
 SHAPE, PICTURE = (2, 3, 1), Image(2, 3, 1)
 
 
-def made_step(rng: np.random.Generator, ended: np.ndarray, deciding: np.ndarray | None) -> StepArrays:
+def made_step(ended: np.ndarray, deciding: np.ndarray | None) -> StepArrays:
     over = np.zeros(LANES, bool)
     over[ended] = True
     return StepArrays(
@@ -212,7 +212,7 @@ def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
             np.testing.assert_array_equal(history.window(t).gather(), expected)
             seen.append(expected)
             deciding = rng.random(LANES) < 0.6 if waits else None
-            step = made_step(rng, np.flatnonzero(rng.random(LANES) < 0.2), deciding)
+            step = made_step(np.flatnonzero(rng.random(LANES) < 0.2), deciding)
             pictures = bytes_of((LANES, *SHAPE), 10 * update + t)
             now, after, new = history.push(t, whole, pictures)
             push_frames(now, new, step, after)

@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ import pytest
 from matplotlib.image import imread
 
 from joybridge.config.metrics import read_rows
+from tests.support.servers import free_port
 
 pytestmark = pytest.mark.slow
 
@@ -93,12 +93,6 @@ class Terminal:
         with suppress(ProcessLookupError):  # nothing of it is left
             os.killpg(self.shell.pid, signal.SIGKILL)
         self.shell.communicate()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def follow(page: str, terminal: Terminal, seconds: float = LATE_SECONDS) -> list[str]:

@@ -23,7 +23,8 @@ from joybridge.mlagents_player.player import Player
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import CatalogError, load_game
 from joybridge.simulator.listing import listing
-from tests.support.unity_player import DIES, HANGS, StandIn, agent, free_port, hybrid, says, vector
+from tests.support.servers import free_port
+from tests.support.unity_player import DIES, HANGS, StandIn, agent, hybrid, says, vector
 from tools.chaos.process import wait_until
 
 pytestmark = pytest.mark.nightly

@@ -11,7 +11,8 @@ from joybridge.contract.codec import ActArrays
 from joybridge.mlagents import communicator_pb2 as ml
 from joybridge.simulator.batched_game import GameError
 from joybridge.simulator.catalog import load_game
-from tests.support.unity_player import StandIn, agent, free_port, hybrid, says, vector
+from tests.support.servers import free_port
+from tests.support.unity_player import StandIn, agent, hybrid, says, vector
 
 pytestmark = pytest.mark.nightly
 

@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 
-from joybridge.simulator import BatchedGame, Game, behavior, button, option, quiet_step, sensor, spec, transition
+from joybridge.simulator import Game, behavior, button, option, sensor, spec, transition
+from tests.support.games import Batch
 
 FOREVER = 3600.0
 HANGING = "hanging from now on"  # printed by a step that will not return
@@ -57,26 +58,15 @@ class Hangs(Game):
         return np.zeros((2, 2, 3), np.uint8)
 
 
-class HangsAtOnce(BatchedGame):
+class HangsAtOnce(Batch):
     """The same for a game over all arenas at once."""
 
     name = "hangs_at_once"
     description = "Never return, in all arenas at once."
     options = (HOW,)
 
-    @classmethod
-    def describe(cls, options):
-        player = behavior("player", sensors=[sensor("sight", [2])], branches=[button("press")])
-        return spec(cls, [player], max_arenas=8)
-
     def __init__(self, options, parameters, arenas, first_arena, seed):
         self.how, self.arenas = options["how"], arenas
-
-    def reset(self, seed, parameters):
-        pass
-
-    def observe(self):
-        return [quiet_step([np.zeros((self.arenas, 2), np.float32)], 1)]
 
     def step(self, acts):
         if self.how == "sleep":

@@ -1,5 +1,6 @@
 """Server processes with settings of their own, for tests that the shared simulator cannot serve."""
 
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -37,6 +38,13 @@ def server(*arguments, **streams) -> Iterator[Server]:
     finally:
         process.kill()
         process.communicate()
+
+
+def free_port() -> int:
+    """Return a port on which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def impatient(session: Session, seconds: float = 0.1) -> Session:

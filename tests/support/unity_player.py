@@ -1,6 +1,5 @@
 """A stand-in for a Unity player: it says what a script says, over a real port."""
 
-import socket
 from collections.abc import Sequence
 from threading import Event, Thread
 from typing import Any
@@ -61,13 +60,6 @@ def _bytes(line: Any) -> bytes:
     if isinstance(line, bytes):
         return line
     return ml.Message(header=ml.Header(status=FINE), from_player=line).SerializeToString()
-
-
-def free_port() -> int:
-    """Return a port on which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def vector(*values: float, name: str = "place", **fields: Any) -> ml.Observation:
