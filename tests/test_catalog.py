@@ -41,6 +41,14 @@ def test_a_missing_module_of_the_author_is_named(folder, monkeypatch):
         load_game("needs_more:Game")
 
 
+def test_a_game_that_exits_when_it_is_described_is_named(folder, monkeypatch):
+    source = "from joybridge.simulator import Game\nclass Exits(Game):\n    name = 'exits'\n    description = 'Exit.'\n"
+    (folder / "exits.py").write_text(source + "    @classmethod\n    def describe(cls, options): raise SystemExit(3)\n")
+    monkeypatch.syspath_prepend(folder)
+    with pytest.raises(CatalogError, match="game 'exits:Exits' cannot be described: SystemExit: 3"):
+        load_game("exits:Exits")
+
+
 @pytest.mark.parametrize("place", ["nowhere", "nowhere:Game", "nowhere.at_all:Game"])
 def test_a_place_without_a_module_says_where_modules_are_looked_for(place):
     with pytest.raises(CatalogError, match="expected MODULE:CLASS, importable from the current folder"):

@@ -34,6 +34,7 @@ from tests.support.broken_servers import (
     serving,
 )
 from tests.support.checked import made_up, run
+from tests.support.servers import server
 
 ROOT = Path(__file__).parents[1]
 GAMES = ["shooting_birds", "hybrid", "duel", "ends", "kick", "noughts"]  # to which, together, every rule applies
@@ -75,6 +76,12 @@ def test_there_are_many_checks_each_with_a_rule_and_a_section_of_the_manual():
     assert {check.family for check in CHECKS} == set(FAMILIES)
     for check in CHECKS:
         assert check.rule.endswith(".") and check.section in sections, check.name
+
+
+def test_an_axis_as_wide_as_floats_and_a_parameter_of_one_value_break_no_rule():
+    with server("--game", "tests.support.games:Farthest") as process:
+        results = [*run_checks(process.address, ["farthest"], SECONDS, select(["actions", "snapshots"], []))]
+    assert len(results) > 30 and not failed(results)
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """A game that hangs, or a client that is silent, costs its own session and nothing else."""
 
+import asyncio
+import ctypes
 import signal
 import socket
 import subprocess
@@ -20,6 +22,7 @@ from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.contract.codec import pack
 from joybridge.contract.local_socket import LENGTH
 from joybridge.layouts import make_acts
+from joybridge.simulator.game_thread import GameThread, TakesTooLong
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.v1 import bridge_pb2_grpc as rpc
 from tests.support.hanging_games import HANGING, PLACES, RAISED
@@ -107,6 +110,15 @@ def test_a_stream_without_a_start_is_ended_and_takes_no_place():
     assert text == "no start (see --start-seconds) for 1 s; open a new stream"
 
 
+def test_who_may_wait_for_ever_for_a_start_offers_a_socket_all_the_same():
+    arguments = ["--address", "127.0.0.1:0", "--start-seconds", "0"]
+    with (
+        server(*arguments, stderr=subprocess.DEVNULL) as process,
+        Player(process.address, "shooting_birds", local_transport=True) as player,
+    ):
+        assert player.socket
+
+
 @pytest.mark.promise("S2")
 def test_a_session_whose_client_is_silent_is_ended_and_one_that_plays_is_not(hasty):
     with Player(hasty.address, "shooting_birds") as player, Player(hasty.address, "shooting_birds") as silent:
@@ -177,6 +189,16 @@ print(thread.is_alive())
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("False\n", "")
+
+
+def test_a_game_is_closed_although_its_time_was_over_just_after_it_had_finished():
+    thread, closed = GameThread(60.0), threading.Event()
+    asyncio.run(thread.answer(int))
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(TakesTooLong))
+    thread.end(closed.set)
+    assert closed.wait(5)
+    thread.join(5)
+    assert not thread.is_alive()
 
 
 def test_a_signal_ends_a_server_whose_game_has_closed_standard_error():

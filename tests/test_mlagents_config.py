@@ -72,7 +72,11 @@ def test_a_memory_of_ml_agents_becomes_an_lstm_of_half_its_size(theirs, size, le
         ("bird_speed: 0.5", "bird_speed: {curriculum: []}", "bird_speed.curriculum: got .*, expected a list"),
         ("num_areas: 8", "env_path: game.x86_64", "env_settings.env_path: got 'game.x86_64'; use --unity BUILD"),
         ("buffer_size: 8192", "buffer_size: many", "buffer_size: got 'many', expected a whole number"),
-        ("hidden_units: 64", "hidden_units: 0", "hidden_units: got 0, expected a whole number, at least 1"),
+        ("hidden_units: 64", "hidden_units: 0", "hidden_units: got 0, expected a whole number from 1 to 1,000,000,000"),
+        ("buffer_size: 8192", "buffer_size: .inf", "buffer_size: got inf, expected a whole number from 1 to"),
+        ("num_layers: 3", "num_layers: 5000", "num_layers: got 5000, expected at most 1000"),
+        ("{hyperparameters: {num_epoch: 5}}", "3", "default_settings: got 3, expected a section with keys"),
+        ("{bird_speed: 0.5}", "[1]", r"environment_parameters: got \[1\], expected a section with keys"),
         ("batch_size: 512", "batch_size: 0", "policy.minibatch_size: got 0"),
         (
             "default_settings: {hyperparameters: {num_epoch: 5}}\nbehaviors:\n  hunter:",
@@ -85,6 +89,14 @@ def test_a_key_of_ml_agents_without_one_of_ours_is_refused_by_name(old, new, tex
     assert old in THEIRS
     with pytest.raises(ConfigError, match=text):
         train_with(THEIRS.replace(old, new), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "where"), [("behaviors: hunter", "behaviors: got 'hunter'"), ("behaviors: {hunter: 5}", "hunter: got 5")]
+)
+def test_what_is_no_section_is_named(text, where, tmp_path):
+    with pytest.raises(ConfigError, match=f"{where}, expected a section with keys"):
+        train_with(text, tmp_path)
 
 
 def test_every_key_of_ml_agents_is_documented_and_leads_to_a_key_of_ours():

@@ -1,6 +1,7 @@
 """Players of Unity ML-Agents as a game: a stand-in that does what players do, and what they should not do."""
 
 import sys
+import threading
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from joybridge.adapters.unity import process as unity_process
+from joybridge.adapters.unity.communicator import Communicator
 from joybridge.client.client import Session
 from joybridge.client.errors import SimulatorError
 from joybridge.client.launch import simulator_process
@@ -199,6 +201,7 @@ def test_a_seed_that_a_player_was_not_greeted_with_is_refused():
         (ml.FromPlayer(step=ml.PlayerStep(agents={"walker": b"\x0a\x02\x0a\x7f"})), "an agent is no message"),
         (ml.FromPlayer(step=ml.PlayerStep(side_channels=b"abc")), "is not understood: .*side channel that is cut"),
         (says(agent(0, 0.0), agent(0, 0.0)), "lets an agent of 'walker' ask twice"),
+        (says(agent(0, 0.0, done=True), agent(0, 0.0, done=True)), "lets an agent of 'walker' end twice"),
         (says(agent(0, 0.0, 1.0)), r"observation 0 of agent 0 has shape \[2\], expected \[1\], as at first"),
         (says(agent(0, vector(0.0), vector(0.0))), "agent 0 has 2 observations, expected 1"),
         (says(agent(0, vector(0.0, 1.0, shape=[1]))), "has 8 bytes of numbers, expected 4"),
@@ -264,6 +267,28 @@ def test_a_second_player_at_a_port_is_refused_and_the_first_one_plays_on():
     assert "another player is connected" in other.refused
     game.step(act([[0], [0]]))
     assert len(player.steps) == 2
+
+
+def test_of_two_players_that_call_before_either_is_heard_the_first_one_plays():
+    communicator = Communicator()
+    first = StandIn(communicator.port, [TWO])
+    wait_until(lambda: communicator._calls.qsize() == 1, 5)
+    second = StandIn(communicator.port, [TWO])
+    wait_until(lambda: communicator._calls.qsize() == 2, 5)
+    assert communicator.receive(5).from_player.hello.name == "stand-in"
+    communicator.answer(ml.FromTrainer())
+    communicator.receive(5)
+    second.join(5)
+    assert [heard.header.status for heard in second.heard] == [END] and first.is_alive()
+    communicator.end()
+
+
+def test_a_communicator_that_is_closed_leaves_no_thread():
+    before = threading.active_count()
+    communicator = Communicator()
+    assert threading.active_count() > before
+    communicator.end()
+    wait_until(lambda: threading.active_count() <= before, 5)
 
 
 def test_a_port_that_is_in_use_is_named():

@@ -294,6 +294,25 @@ class Brittle(Game):
         return self.place
 
 
+class Farthest(Game):
+    """A game whose axis reaches as far as floats do, with a parameter that has one value only."""
+
+    name = "farthest"
+    description = "Pull as far as floats reach."
+    parameters = (parameter("one", 1.0, 1.0, 1.0),)
+
+    @classmethod
+    def describe(cls, options):
+        far = float(np.finfo(np.float32).max)
+        return spec(cls, [behavior("player", sensors=[sensor("light", [1])], axes=[axis("pull", -far, far)])])
+
+    def reset(self):
+        return transition({"light": [self.rng.random()]})
+
+    def step(self, action):
+        return transition({"light": [self.rng.random()]})
+
+
 class Batch(BatchedGame):
     """A game over all arenas at once, which may break what a service expects of it."""
 

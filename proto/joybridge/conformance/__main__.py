@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m joybridg
     checker.add_argument("--list", action="store_true", help="list the families, checks and rules, and exit")
     help_ = "the longest wait for a response. Default: %(default)g"
     checker.add_argument("--deadline", type=seconds, default=DEADLINE, metavar="SECONDS", help=help_)
-    help_ = "how long to wait for a server that does not answer yet. Default: 0"
+    help_ = "how long to wait for a server that does not answer yet. Default: not at all"
     checker.add_argument("--wait", type=seconds, metavar="SECONDS", help=help_)
     help_ = "local: the messages of sessions go over a Unix socket, if the server offers it. Default: %(default)s"
     checker.add_argument("--transport", choices=["grpc", "local"], default="grpc", help=help_)

@@ -15,6 +15,7 @@ from joybridge.conformance.rules.sessions import ended_sessions_are_freed
 from joybridge.conformance.selection import require_known
 from joybridge.conformance.subject import Subject
 from joybridge.contract.credentials import Credentials
+from joybridge.contract.text import printable
 from joybridge.progress import say
 
 DEADLINE = 30.0  # seconds until a response
@@ -46,7 +47,8 @@ def run_checks(
         if not isinstance(listed, Status):
             require_known(games, listed, "game")
             if not games and len(listed) > 1:
-                say(f"checks {len(listed)} games, one after the other; --game NAME checks one: {', '.join(listed)}")
+                names = printable(", ".join(listed))
+                say(f"checks {len(listed)} games, one after the other; --game NAME checks one: {names}")
             games = games or listed
         if not games and not of_server:
             got = f"ListGames failed with {listed}" if isinstance(listed, Status) else "ListGames returns no games"
@@ -80,7 +82,7 @@ def _listed_games(client: Client) -> list[str] | Status:
     if not isinstance(answer, Status):
         return [game.name for game in answer]
     if answer.code == grpc.StatusCode.UNAVAILABLE:
-        reason = " ".join(answer.details.split())
+        reason = printable(" ".join(answer.details.split()))
         raise Unreachable(
             f"no server responds at {client.address} ({reason}); start one, correct the address, or pass --tls-ca "
             "if it uses TLS"

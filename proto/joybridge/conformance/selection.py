@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from joybridge.conformance.registry import Check
 from joybridge.conformance.rules import CHECKS, FAMILIES
 from joybridge.contract.errors import JoybridgeError
+from joybridge.contract.text import printable
 
 MAX_NAMES = 4  # listed in an error
 
@@ -33,7 +34,7 @@ def require_known(names: Iterable[str], known: Iterable[str], what: str) -> None
         if name not in known:
             near = nearest(name, known)
             hint = f"the nearest are {', '.join(near)}" if len(near) < len(known) else f"expected {', '.join(known)}"
-            raise SelectionError(f"unknown {what} {name!r}; {hint}")
+            raise SelectionError(f"unknown {what} {name!r}; {printable(hint)}")
 
 
 def nearest(name: str, known: Sequence[str]) -> list[str]:

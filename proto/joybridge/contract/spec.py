@@ -164,7 +164,8 @@ def _check_behavior(behavior: pb.Behavior, where: str) -> None:
         for bounds in (sensor.low, sensor.high):
             _require(len(bounds) in (0, 1, size), f"{what} has {len(bounds)} bounds, expected 0, 1 or {size}")
             _require(not any(map(isnan, bounds)), f"{what} has a bound that is NaN")
-        lows, highs = (list(b) * (size if len(b) == 1 else 1) for b in (sensor.low, sensor.high))
+        most = max(len(sensor.low), len(sensor.high))
+        lows, highs = (list(b) * (most if len(b) == 1 else 1) for b in (sensor.low, sensor.high))
         ok = not (lows and highs) or all(low <= high for low, high in zip(lows, highs, strict=True))
         _require(ok, f"{what} has a low above its high")
         if sensor.HasField("image"):

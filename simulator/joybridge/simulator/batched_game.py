@@ -2,7 +2,7 @@
 
 Each session plays its game in a thread of its own, so a game keeps no state outside its instances.
 
-The two games of the paper implement it directly, for speed. Other games are written as a one-arena `Game`, and
+Games that are fast implement it directly, as those of the paper do. Others are written as a one-arena `Game`, and
 `game_adapter.py` turns those into a BatchedGame.
 """
 

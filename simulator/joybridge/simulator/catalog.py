@@ -34,7 +34,7 @@ ADAPTERS = {  # the function that returns a game
     "unity": "joybridge.adapters.unity.adapter:adapt_build",
     "unity-port": "joybridge.adapters.unity.adapter:adapt_port",
 }
-EXTRA = ("numba", "pygame")  # what `pip install 'joybridge[simulator]'` installs
+EXTRA = ("numba", "PIL", "pygame")  # what `pip install 'joybridge[simulator]'` installs
 
 
 class CatalogError(JoybridgeError):
@@ -60,7 +60,7 @@ def load_games(places: Sequence[str] = (), workers: int = 0, seconds: float = ma
     for place in BUILT_IN.values():
         _add(games, place, load_game(place))
     for point in entry_points(group="joybridge.games"):
-        if point.value not in places:  # those are loaded below, where what is broken is an error
+        if point.value not in places:  # those are loaded above, where what is broken is an error
             _add_installed(games, point)
     return games
 
@@ -90,7 +90,7 @@ def load_game(place: str) -> type[BatchedGame]:
             check_spec(spec)
     except SpecError as error:
         raise CatalogError(f"game {place!r} has a spec that violates the contract: {error}") from error
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise CatalogError(f"game {place!r} cannot be described: {type(error).__name__}: {error}") from error
     return served
 
@@ -101,14 +101,15 @@ def _adapt(kind: str, environment: str) -> type[Game] | type[BatchedGame]:
     try:
         adapter = import_module(module)
     except ModuleNotFoundError as error:
+        extra = "simulator" if error.name in EXTRA else "gym"
         raise CatalogError(
-            f"--{kind} needs the module {error.name}; install it with `pip install 'joybridge[gym]'`"
+            f"--{kind} needs the module {error.name}; install it with `pip install 'joybridge[{extra}]'`"
         ) from error
     try:
         return getattr(adapter, function)(environment)  # type: ignore[no-any-return]
     except JoybridgeError as error:
         raise CatalogError(f"--{kind} {environment!r}: {error}") from error
-    except Exception as error:  # whatever an environment raises
+    except (Exception, SystemExit) as error:  # whatever an environment raises
         raise CatalogError(f"--{kind} {environment!r} does not work: {type(error).__name__}: {error}") from error
 
 

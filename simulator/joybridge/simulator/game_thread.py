@@ -36,6 +36,8 @@ class GameThread(threading.Thread):
         super().__init__(name="game", daemon=True)
         self.seconds = seconds
         self._jobs: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._last: Callable[[], None] | None = None
+        self._ended = False
 
     async def answer(
         self, function: Callable[[*Arguments], T], *args: *Arguments, busy: Callable[[], float] | None = None
@@ -88,15 +90,23 @@ class GameThread(threading.Thread):
 
     def end(self, last: Callable[[], None] | None = None) -> None:
         """Let the thread end after the functions that were given to it, and then `last` if it was given any."""
-        if last is not None and self.ident is not None:
-            self._jobs.put(last)
+        if last is not None:
+            self._last = last
+        self._ended = True
         self._jobs.put(None)
 
     def run(self) -> None:
         """Run the functions; `Thread` calls this in the thread."""
-        with suppress(TakesTooLong):  # it may arrive between two functions
-            while (job := self._jobs.get()) is not None:
-                job()
+        while True:
+            try:
+                while (job := self._jobs.get()) is not None:
+                    job()
+                break
+            except TakesTooLong:  # it arrived between two functions, and what was taken from the queue is lost
+                if self._ended:
+                    break
+        if self._last is not None:
+            self._last()
 
     def stack(self) -> str:
         """Return where the thread is, as in a traceback."""
@@ -104,8 +114,9 @@ class GameThread(threading.Thread):
         return "".join(traceback.format_stack(frame)).rstrip() if frame else "it has ended"
 
     def _abandon(self, result: asyncio.Future[Any]) -> None:
-        log.error("a game gave no result in %g s; its thread is here:\n%s", self.seconds, self.stack())
+        stack = self.stack()
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self.ident or 0), ctypes.py_object(TakesTooLong))
+        log.error("a game gave no result in %g s; its thread is here:\n%s", self.seconds, stack)
         if not result.done():
             result.set_exception(TimeoutError())
 

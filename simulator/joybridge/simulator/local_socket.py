@@ -15,6 +15,7 @@ from joybridge.contract.local_socket import FrameError, MessageSocket
 from joybridge.simulator.session import Refusal
 from joybridge.v1 import bridge_pb2 as pb
 
+LONGEST = 1e6  # seconds that a socket can wait, eleven days; who may wait longer waits without a limit
 _NEAR = ("unix:", "ipv4:127.", "ipv6:[::1]", "ipv6:%5B::1%5D")  # how gRPC writes clients of the same machine
 
 
@@ -118,7 +119,7 @@ def _listen(path: str, seconds: float) -> socket.socket:
     try:
         listener.bind(path)
         listener.listen(1)
-        listener.settimeout(seconds)
+        listener.settimeout(seconds if seconds < LONGEST else None)
     except OSError:
         listener.close()
         raise

@@ -37,7 +37,7 @@ def describe_one(address: str, game: str | None) -> pb.GameSpec:
             game = names[0]
         if game not in names:
             missing = "choose one with --game" if game is None else f"--game {game} is none of them"
-            raise ServerError(f"the server at {address} has {', '.join(names)}; {missing}")
+            raise ServerError(f"the server at {address} has {printable(', '.join(names))}; {missing}")
         return _describe(call, address, game)
 
 
@@ -70,4 +70,8 @@ def _calling(address: str) -> Iterator[Call]:
             yield lambda method, request: getattr(stub, method)(request, timeout=SECONDS, metadata=credentials.metadata)
     except grpc.RpcError as error:
         reason = printable(f"{error.details()} ({error.code().name})")
-        raise ServerError(f"no answer from a server at {address}: {reason}; start it, or check the address") from error
+        if error.code() in (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED):
+            reason = f"no answer from a server at {address}: {reason}; start it, or check the address"
+        else:
+            reason = f"the server at {address} refuses to list or describe its games: {reason}"
+        raise ServerError(reason) from error

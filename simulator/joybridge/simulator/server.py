@@ -21,6 +21,7 @@ from joybridge.contract.address import READY
 from joybridge.contract.credentials import NO_COMPRESSION
 from joybridge.contract.limits import request_bytes
 from joybridge.contract.memory import keep_memory
+from joybridge.process import leave
 from joybridge.simulator.authentication import ServerCredentials, TokenInterceptor
 from joybridge.simulator.catalog import Catalog, specs
 from joybridge.simulator.game_thread import game_threads
@@ -157,8 +158,7 @@ def _end_games() -> None:
     if hanging := game_threads():
         for thread in hanging:
             log.error("the server ends although a game is still working:\n%s", thread.stack())
-        logging.shutdown()
-        os._exit(0)  # Python waits for no thread, but it may crash if a thread runs compiled code while it ends
+        leave(0)  # Python waits for no thread, but it may crash if a thread runs compiled code while it ends
 
 
 def _options(games: Catalog) -> list[tuple[str, int]]:

@@ -1,4 +1,4 @@
-"""The trainer's exceptions, all of them JoybridgeErrors; those of the wire are in `wire/errors.py`.
+"""The trainer's exceptions, all of them JoybridgeErrors; those of the wire are in `client/errors.py`.
 
 JoybridgeError
 ├── ConfigError        a configuration that cannot be used

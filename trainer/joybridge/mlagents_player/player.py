@@ -40,7 +40,7 @@ class Player:
         self.session, self.seed, self._statistics = session, seed, statistics
         self.fresh = True  # the session's first episodes have not begun
         self.behaviors = [Behavior(behavior, session.arenas) for behavior in session.spec.behaviors]
-        each = max(1, largest_message(self.behaviors) // session.arenas)
+        each = max(1, largest_message(self.behaviors, statistics=statistics) // session.arenas)
         if each * session.arenas > MAX_MESSAGE_BYTES:
             raise ConfigError(
                 f"a step of {session.arenas} arenas may have {each * session.arenas} bytes, and a trainer of ML-Agents "
@@ -180,6 +180,11 @@ class Behavior:
             for name, value in zip(self._metrics, row, strict=True):
                 yield side_channels.statistic(name, value)
 
+    @property
+    def statistics_bytes(self) -> int:
+        """The bytes of the metrics of one episode."""
+        return len(side_channels.join(side_channels.statistic(name, 0.0) for name in self._metrics))
+
     def _add(self, answer: ml.FromPlayer, agents: bytes) -> None:
         answer.step.agents[self.name] += agents  # lists of messages side by side are one list
         if self.announcement is not None:
@@ -206,9 +211,12 @@ class Behavior:
         return choices
 
 
-def largest_message(behaviors: list[Behavior]) -> int:
-    """Return the bytes of a step in which all agents end an episode and begin one."""
-    return sum(2 * behavior.lanes * behavior.masked_records.dtype.itemsize for behavior in behaviors)
+def largest_message(behaviors: list[Behavior], *, statistics: bool) -> int:
+    """Return the bytes of a step in which all agents end an episode and begin one. statistics: with their metrics."""
+    return sum(
+        behavior.lanes * (2 * behavior.masked_records.dtype.itemsize + statistics * behavior.statistics_bytes)
+        for behavior in behaviors
+    )
 
 
 def _parameters(behavior: pb.Behavior) -> ml.BehaviorParameters:

@@ -13,6 +13,7 @@ from joybridge.config.config_files import merge
 from joybridge.config.errors import ConfigError
 from joybridge.mlagents_player.environment_parameters import settings
 
+MOST, MAX_LAYERS = 10**9, 1000  # of numbers
 ARENAS = 75  # where the file does not say
 
 
@@ -93,15 +94,15 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
     arenas: what the command line sets, if it does. A buffer is that of all arenas, a rollout that of one lane.
     """
     data = dict(data)
-    behaviors, shared = data.pop("behaviors", None) or {}, data.pop("default_settings", None) or {}
+    behaviors, shared = (_section(key, data.pop(key, None)) for key in ("behaviors", "default_settings"))
     if behavior not in behaviors and not shared:
         known = ", ".join(map(str, behaviors)) or "none"
         raise ConfigError(f"--behavior {behavior}: the file has no such behavior under `behaviors`; it has {known}")
-    own = merge(shared, behaviors.get(behavior) or {})
+    own = merge(shared, _section(f"behaviors.{behavior}", behaviors.get(behavior)))
     remembers = isinstance(network := own.get("network_settings"), Mapping) and network.get("memory") is not None
     if remembers:
         own = merge({"network_settings": {"memory": MEMORY}}, own)
-    parameters = data.pop("environment_parameters", None) or {}
+    parameters = _section("environment_parameters", data.pop("environment_parameters", None))
     theirs = _read(own, BEHAVIOR, f"behaviors.{behavior}.")
     run = _read(data, RUN, "")
     areas = _number(run, "env_settings.num_areas") * _number(run, "env_settings.num_envs")
@@ -119,6 +120,8 @@ def translate(data: Mapping[str, Any], behavior: str, arenas: Any) -> dict[str, 
     if remembers:
         ours = merge(ours, {"policy": {"memory": _memory(*(_number(theirs, key) for key in REMEMBERED))}})
     layers, units = (_number(theirs, key) for key in SIZES)
+    if layers > MAX_LAYERS:
+        raise ConfigError(f"{SIZES[0]}: got {layers}, expected at most {MAX_LAYERS}")
     return merge(ours, _nested("policy.hidden_sizes", [units] * layers))
 
 
@@ -177,6 +180,13 @@ def _memory(size: int, length: int) -> dict[str, Any]:
     return {"kind": "lstm", "size": size // 2, "length": length}
 
 
+def _section(name: str, value: Any) -> dict[str, Any]:
+    """Return a section of the file, which may be left out. Raises ConfigError if it has no keys."""
+    if value is not None and not isinstance(value, Mapping):
+        raise ConfigError(f"{name}: got {value!r}, expected a section with keys")
+    return dict(value or {})
+
+
 def _nested(key: str, value: Any) -> dict[str, Any]:
     for part in reversed(key.split(".")):
         value = {part: value}
@@ -185,6 +195,6 @@ def _nested(key: str, value: Any) -> dict[str, Any]:
 
 def _number(values: Mapping[str, Any], key: str) -> int:
     value = values[key]
-    if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 1 or value != int(value):
-        raise ConfigError(f"{key}: got {value!r}, expected a whole number, at least 1")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 1 <= value <= MOST or value != int(value):
+        raise ConfigError(f"{key}: got {value!r}, expected a whole number from 1 to {MOST:,}")
     return int(value)

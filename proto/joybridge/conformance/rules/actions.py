@@ -15,11 +15,13 @@ from joybridge.v1 import bridge_pb2 as pb
 
 
 def _above(axis: pb.Axis) -> float:
-    return float(np.nextafter(np.float32(axis.high), np.float32(np.inf)))
+    with np.errstate(over="ignore"):  # above the largest float is infinity
+        return float(np.nextafter(np.float32(axis.high), np.float32(np.inf)))
 
 
 def _below(axis: pb.Axis) -> float:
-    return float(np.nextafter(np.float32(axis.low), np.float32(-np.inf)))
+    with np.errstate(over="ignore"):
+        return float(np.nextafter(np.float32(axis.low), np.float32(-np.inf)))
 
 
 INVALID = (  # name, section, rule, field of BehaviorAct, values for one axis or branch, words beside its name
@@ -45,9 +47,10 @@ INVALID = (  # name, section, rule, field of BehaviorAct, values for one axis or
 def _value_is_refused(subject: Subject, field: str, values: Callable[[Any], list[float]], *words: str) -> None:
     for prefix, act, index, lane in acts_with(subject, field):
         for column, part in enumerate(getattr(subject.spec.behaviors[index].device, PARTS[field])):
-            # An axis may reach as far as floats do, so that nothing finite is out of its range.
             low, high = (part.low, part.high) if field == "axes" else (0, len(part.choices) - 1)
-            for value in (value for value in values(part) if not low <= value <= high):
+            # What lies beyond all floats is refused as not finite, with the name of the tensor.
+            wanted = [v for v in values(part) if not low <= v <= high and (np.isfinite(v) or "axes" in words)]
+            for value in wanted:
                 invalid = read(getattr(act.behaviors[index], field))
                 invalid[lane, column] = value
                 subject.expect_refused(*prefix, changed(act, index, field, invalid), words=[part.name, *words])
@@ -122,7 +125,7 @@ def invalid_action_in_the_last_lane_is_refused(subject: Subject) -> None:
         field, value = ("axes", _above(device.axes[-1])) if device.axes else ("choices", -1)
         values = read(getattr(act.behaviors[index], field))
         values[lane, -1] = value
-        name = getattr(device, PARTS[field])[-1].name
+        name = getattr(device, PARTS[field])[-1].name if np.isfinite(value) else field
         subject.expect_refused(*prefix, changed(act, index, field, values), words=[name])
 
 

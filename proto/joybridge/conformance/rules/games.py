@@ -4,6 +4,7 @@ from joybridge.conformance.expectations import expect
 from joybridge.conformance.registry import check, table
 from joybridge.conformance.spec_expectations import expect_unique_names
 from joybridge.conformance.subject import NOT_FOUND, Subject
+from joybridge.contract.limits import MAX_DESCRIPTION, MAX_NAME
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -21,9 +22,11 @@ def game_names_are_unique(subject: Subject) -> None:
 
 @check("GameSummary", per_server=True)
 def every_game_has_a_description(subject: Subject) -> None:
-    """The description of a game is one sentence."""
+    """The description of a game is one sentence, printable, of at most 1,000 characters."""
     for game in subject.client.list_games():
         expect(game.description.strip(), f"no description of {game.name!r}", "one sentence")
+        short = game.description.isprintable() and len(game.description) <= MAX_DESCRIPTION
+        expect(short, f"{game.description[:MAX_NAME]!r}… as the description of {game.name!r}", "one such sentence")
 
 
 @check("ListGames", per_server=True)

@@ -16,10 +16,11 @@ UNKNOWN_FIELD = b"\xf8\x07\x01"  # field 127, a varint: a field that a later rev
 
 @check("VERSIONS", per_server=True)
 def every_response_states_product_and_revision(subject: Subject) -> None:
-    """A response always carries a Version with revision 1 or higher, and a product of 1 to 100 characters."""
+    """A response always carries a Version with revision 1 or higher, and a product of 1 to 100 printable characters."""
     for call, version in _stated(subject):
         expect(version.revision >= 1, f"revision {version.revision} from {call}", "at least 1")
-        expect(1 <= len(version.product) <= MAX_NAME, f"{version.product!r} from {call}", "1 to 100 characters")
+        fits = 1 <= len(version.product) <= MAX_NAME and version.product.isprintable()
+        expect(fits, f"{version.product!r} from {call}", "1 to 100 printable characters")
 
 
 @check("VERSIONS", per_server=True)

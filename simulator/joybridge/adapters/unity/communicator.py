@@ -27,6 +27,7 @@ OPTIONS = [
     ("grpc.so_reuseport", 0),  # otherwise two servers could listen on one port
 ]
 
+LAST = ml.Message(header=ml.Header(status=END)).SerializeToString()  # tells a player that this is the end
 GONE = "has gone; see its log, and start it again"
 SILENT = f"said nothing for {{:g}} s, or more than {MAX_MESSAGE_BYTES} bytes at once; see its log, or allow more time"
 
@@ -56,7 +57,8 @@ class Communicator:
         self._peer = ""  # the connection of the present player
         self._closing = False  # then a player that calls is told that this is the end
         handler = grpc.unary_unary_rpc_method_handler(self._exchange)  # bytes, so that what is malformed arrives here
-        self._server = grpc.server(DaemonPool(2), options=OPTIONS)
+        self._threads = DaemonPool(2)
+        self._server = grpc.server(self._threads, options=OPTIONS)
         self._server.add_generic_rpc_handlers([grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler})])
         try:
             self.port: int = self._server.add_insecure_port(f"127.0.0.1:{port}")
@@ -75,7 +77,11 @@ class Communicator:
                 raise self.fault(GONE)
             left = limit - time.monotonic()
             try:
-                self._call = self._calls.get(timeout=max(0.0, min(left, LOOK_SECONDS)))
+                call = self._calls.get(timeout=max(0.0, min(left, LOOK_SECONDS)))
+                if self._peer not in ("", call.peer):  # it called before the present player was known
+                    call.answer.put(LAST)
+                else:
+                    self._call = call
             except Empty:
                 if text := alive():
                     raise self.fault(text) from None
@@ -110,21 +116,26 @@ class Communicator:
         """Tell the player that this is the end; another player may come then."""
         for call in [self._call, *_rest(self._calls)]:
             if call is not None:
-                call.answer.put(ml.Message(header=ml.Header(status=END)).SerializeToString())
+                call.answer.put(LAST)
         self._call, self._peer = None, ""
 
     def close(self) -> None:
         """Dismiss the player, also one that still computes and calls in a moment, and then listen no longer."""
         self._closing = True
         self.dismiss()
-        last = Timer(GRACE_SECONDS, self._server.stop, (0,))
+        last = Timer(GRACE_SECONDS, self._stop, (0.0,))
         last.daemon = True
         last.start()
 
     def end(self) -> None:
         """Close, and wait until the player has heard of it."""
         self.dismiss()
-        self._server.stop(GRACE_SECONDS).wait(GRACE_SECONDS)
+        self._stop(GRACE_SECONDS)
+
+    def _stop(self, seconds: float) -> None:
+        """Listen no longer, and end calls after so many seconds."""
+        self._server.stop(seconds).wait(GRACE_SECONDS)
+        self._threads.shutdown()
 
     def _exchange(self, data: bytes, context: Any) -> bytes:
         call = Call(data, context.peer())
@@ -143,7 +154,8 @@ class DaemonPool(Executor):
 
     def __init__(self, threads: int) -> None:
         """Start the threads."""
-        self._jobs: SimpleQueue[tuple[Future[Any], Callable[..., Any], Any, Any]] = SimpleQueue()
+        self._count = threads
+        self._jobs: SimpleQueue[tuple[Future[Any], Callable[..., Any], Any, Any] | None] = SimpleQueue()
         for _ in range(threads):
             Thread(target=self._work, daemon=True).start()
 
@@ -153,9 +165,14 @@ class DaemonPool(Executor):
         self._jobs.put((future, function, args, kwargs))
         return future
 
+    def shutdown(self, wait: bool = False, *, cancel_futures: bool = False) -> None:
+        """Let the threads end after the functions that were given to them, without waiting for it."""
+        for _ in range(self._count):
+            self._jobs.put(None)
+
     def _work(self) -> None:
-        while True:
-            future, function, args, kwargs = self._jobs.get()
+        while (job := self._jobs.get()) is not None:
+            future, function, args, kwargs = job
             try:
                 future.set_result(function(*args, **kwargs))
             except BaseException as error:

@@ -99,6 +99,7 @@ class PlayerAgents:
         if len(done) and not reset:
             ended = agents.rows(done)
             ids = ended.ids.tolist()
+            self._check_once(part, ids, "end")
             mine = part.lanes_of(ids, lanes.count)
             part.slots.end(ids)
             metrics = part.metrics.take(len(done))
@@ -110,8 +111,7 @@ class PlayerAgents:
             part.asked = Asked(part.asked.lanes, part.reader.first_allowed(asking))
             return
         ids = asking.ids.tolist()
-        if len(set(ids)) != len(ids):
-            raise self.player.communicator.fault(f"lets an agent of {part.form.name!r} ask twice in one message")
+        self._check_once(part, ids, "ask")
         known = part.lanes_of(ids, lanes.count) >= 0
         part.slots.begin(ids)
         mine = part.lanes_of(ids, lanes.count)
@@ -128,6 +128,11 @@ class PlayerAgents:
                     f"agents={part.form.name}:N for N agents per arena"
                 )
         part.asked = Asked(mine, part.reader.first_allowed(asking))
+
+    def _check_once(self, part: Part, ids: list[int], what: str) -> None:
+        """Raise GameError if an agent ends or asks twice."""
+        if len(set(ids)) != len(ids):
+            raise self.player.communicator.fault(f"lets an agent of {part.form.name!r} {what} twice in one message")
 
     def _rest(self, name: str, data: bytes) -> bytes:
         """Return actions for agents of a behavior that is not in the spec. Raises GameError."""

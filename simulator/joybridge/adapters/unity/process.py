@@ -1,7 +1,9 @@
 """A player that is started here: the process of a build."""
 
 import atexit
+import os
 import shlex
+import signal
 import subprocess
 import sys
 from contextlib import suppress
@@ -46,17 +48,22 @@ class PlayerProcess:
         Thread(target=self._end, daemon=True).start()
 
     def _end(self) -> None:
-        for stop in (self._process.terminate, self._process.kill):
+        for number in (signal.SIGTERM, signal.SIGKILL):
             try:
                 self._process.wait(ENDING_SECONDS)
             except subprocess.TimeoutExpired:
-                stop()
+                self._signal(number)
         self._process.wait()
         atexit.unregister(self._kill)
 
     def _kill(self) -> None:
+        if self._process.poll() is None:
+            self._signal(signal.SIGKILL)
+
+    def _signal(self, number: int) -> None:
+        """Send a signal to the process and to what it has started: a build may be a script that starts the player."""
         with suppress(OSError):
-            self._process.kill()
+            os.killpg(self._process.pid, number)
 
 
 def find_build(place: str) -> Path:

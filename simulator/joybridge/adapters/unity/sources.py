@@ -33,16 +33,21 @@ class Builds:
         players: list[UnityPlayer] = []
         try:
             for _ in numbers:
-                communicator = Communicator()
-                players.append(
-                    UnityPlayer(self.settings, communicator, PlayerProcess(self.settings, communicator.port))
-                )
+                players.append(self._start())
             for number, player in zip(numbers, players, strict=True):
                 player.greet(player_seed(seed, number), self.settings.areas)
         except BaseException:
             self.release(players)
             raise
         return players
+
+    def _start(self) -> UnityPlayer:
+        communicator = Communicator()
+        try:
+            return UnityPlayer(self.settings, communicator, PlayerProcess(self.settings, communicator.port))
+        except BaseException:
+            communicator.close()
+            raise
 
     def reseed(self, players: Sequence[UnityPlayer], numbers: Sequence[int], seed: int) -> list[UnityPlayer]:
         """Return players that begin with another seed: new ones, because a player is seeded only once."""
