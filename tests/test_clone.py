@@ -215,11 +215,16 @@ def interrupt(*_):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (["--config", "archer/hybrid"], r"error: --config is for archer, but .* shows hybrid; name another one"),
+        (
+            ["--config", "archer/hybrid"],
+            r"error: the configuration is for archer, but .* shows hybrid; name another one",
+        ),
         (
             ["--config", "{same}", "options.masks=on"],
             r"error: options.masks: got 'on', but .* shows .*'off'",
         ),
+        (["options.masks=on"], r"error: options.masks: got 'on', but .* shows .*'off'"),
+        (["game=archer"], r"error: the configuration is for archer, but .* shows hybrid; name another one"),
         (["--layout", "bucket-x"], "error: layout: unknown layout 'bucket-x'"),
         (["policy.scale_observations=running"], "cannot be scaled alike; set it to bounds or none"),
         (["policy.learning_rate=1e30"], "the loss is not finite; take a smaller policy.learning_rate"),

@@ -2,6 +2,8 @@
 
 import json
 import re
+import resource
+import signal
 import subprocess
 import sys
 from contextlib import closing
@@ -16,6 +18,7 @@ from joybridge.client.recording import Kind, Record, RecordingError, Writer, loa
 from joybridge.commands.replay import FaultFound, replay
 from joybridge.commands.replay import main as replay_main
 from joybridge.config.config import Config
+from joybridge.config.errors import StorageError
 from joybridge.demonstrations.cloning import targets
 from joybridge.demonstrations.files import load_demonstration
 from joybridge.demonstrations.recorded import load_recorded
@@ -302,3 +305,23 @@ def test_demonstrations_of_another_game_or_spec_are_named(game, options, message
     file = record(tmp_path, simulator, game, options=options)
     with pytest.raises(RecordingError, match=f"^{re.escape(str(file))} {message}"):
         load_demonstration(file, described)
+
+
+def test_a_full_disk_costs_what_could_not_be_written_and_no_more(tmp_path, simulator):
+    with Session(simulator, "archer", arenas=1, seed=5) as session:
+        session.record_demonstration(tmp_path)
+        acts = make_acts(session.spec, 1)
+        session.step(acts)
+        (file,) = tmp_path.glob("*.demo")
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 100, limits[1]))
+        try:
+            with pytest.raises(StorageError, match="cannot write"):
+                session.step(acts)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+            signal.signal(signal.SIGXFSZ, before)
+        assert len(load_recording(file).exchanges) == 2
+        session.step(acts)  # there is room again
+    assert len(load_recording(file).exchanges) == 4

@@ -128,9 +128,13 @@ def test_a_model_with_parts_of_its_own_is_refused(run, simulator, tmp_path):
     other.CopyFrom(model)
     other.graph.initializer[0].data_location = onnx.TensorProto.EXTERNAL
     other.graph.initializer[0].external_data.add(key="location", value="/etc/passwd")
-    (tmp_path / "policy.onnx").write_bytes(other.SerializeToString())
-    with pytest.raises(ConfigError, match="it needs something outside itself"):
-        load_exported(tmp_path / "policy.onnx", spec)
+    sparse = onnx.ModelProto()
+    sparse.CopyFrom(model)
+    sparse.graph.sparse_initializer.add()
+    for wrong in (other, sparse):
+        (tmp_path / "policy.onnx").write_bytes(wrong.SerializeToString())
+        with pytest.raises(ConfigError, match="it needs something outside itself"):
+            load_exported(tmp_path / "policy.onnx", spec)
 
 
 def test_a_file_cannot_hold_the_seats_of_several_behaviors(run, simulator):

@@ -148,6 +148,8 @@ def test_an_installed_package_offers_layouts_by_entry_points(other_packages):
         ("careless-forgets", "'careless-forgets' cannot express this device: it sets 'angle' 0 times, expected once"),
         ("careless-repeats", "it sets 'angle' 2 times, expected once"),
         ("careless-overshoots", r"it sets 'reload' to \[2\], expected values in 0..1"),
+        ("careless-inverts", r"it has a range 1\.\.-1 of axis 0, expected low < high"),
+        ("careless-misses", "it has a table of 2 rows for 2 axes with 0 positions, expected positions where"),
         ("leaving-exit", "'leaving-exit' cannot be made: SystemExit: 0"),
         ("leaving-error", r"'leaving-error' cannot be made: RuntimeError: \\x1b\[2J"),
         ("leaving", "'leaving' cannot be made: TypeError"),

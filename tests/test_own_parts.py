@@ -57,6 +57,10 @@ class Flat(Shapes):
     def forward(self, sensors):
         return torch.zeros(7)
 
+class One(Shapes):
+    def forward(self, sensors):
+        return torch.ones(1, 4)
+
 def term(outputs, log_probs, batch):
     return 0.0 * log_probs.sum()
 
@@ -229,13 +233,20 @@ def test_sensors_keep_their_names_and_shapes_and_the_seed_fixes_the_network(layo
     [
         ("nowhere:Net", "network: 'nowhere:Net' cannot be imported"),
         ("parts:term", "'parts:term' is no subclass of torch.nn.Module"),
-        ("parts:Flat", r"parts:Flat returns \[7\] for one row, expected \[1, features\]"),
+        ("parts:Flat", r"parts:Flat returns \[7\] for two rows, expected \[2, features\]"),
         ("torch.nn:Linear", "torch.nn:Linear does not work with"),
+        ("parts:One", r"parts:One returns \[1, 4\] for two rows"),
     ],
 )
 def test_a_network_that_cannot_work_is_refused_by_name(network, message, folder):
     with pytest.raises(ConfigError, match=message):
         actor(network)
+
+
+def test_a_network_drops_nothing_when_it_acts_because_no_checkpoint_would_know_what(folder):
+    assert not any(
+        module.training for module in actor("parts:Shapes").network.modules() if "parts" in str(type(module))
+    )
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,8 @@ COMMANDS = {
     "train --resume": ("train", "RUN/config.yaml", "--run", "RUN", "--resume"),
 }
 
+CLONE = {"clone --config": ("clone", "demos", "--config", "RUN/config.yaml")}
+
 
 @pytest.fixture
 def run(tmp_path, monkeypatch) -> Path:
@@ -91,6 +93,14 @@ def test_no_command_calls_an_address_or_reads_a_file_that_a_run_of_a_stranger_na
     assert TOKEN not in output + errors
     with pytest.raises(BlockingIOError):
         listening.accept()
+
+
+def test_the_configuration_of_a_run_of_a_stranger_names_no_module(run):
+    (run / "config.yaml").write_text("game: stranger:Stranger\nlayout: hybrid\n")
+    for command in ("train --resume", "clone --config"):
+        status, _, errors = joybridge(*(word.replace("RUN", "run") for word in (COMMANDS | CLONE)[command]))
+        assert status == 2 and "run wants to start stranger:Stranger, and you have not trained it" in errors
+    assert not Path("OWNED").exists()
 
 
 def test_what_a_run_of_a_stranger_names_cannot_write_to_the_terminal(run):

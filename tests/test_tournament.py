@@ -117,6 +117,8 @@ def test_who_was_dealt_in_sits_down_when_the_episode_of_the_seat_ends():
     seats.sit(early)
     assert seats.holders(0).tolist() == [1, 2] and seats.present == {1, 2, 3}
     late = [step([-9, 1], [1]), step([0], [0])]  # the first has begun another episode, which is not of this match
+    quiet = [step([0, 0]), step([0])]
+    assert seats.finish(quiet) == []  # nothing ends, and who has ended still has
     (result,) = seats.finish(late)
     assert result.holders.tolist() == [1, 2, 3] and result.places.tolist() == [1, 2, 3]
     seats.deal(result.arena, [7, 8, 9])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from joybridge.layouts import DeviceError, JointTable, Layout, SettingError
+from joybridge.layouts import AxisRange, DeviceError, JointTable, Layout, SettingError
 from joybridge.layouts.hybrid import hybrid, ranges
 
 ENTRY_POINTS = """[joybridge.layouts]
@@ -84,4 +84,8 @@ def careless(device, setting):
         return Layout(layout.continuous * 2, layout.discrete)
     if setting == "overshoots":
         return Layout(discrete=(JointTable((0, 1), np.array([[0, 2]], np.int32), (0, 1), np.zeros((1, 2))),))
+    if setting == "inverts":
+        return Layout((AxisRange(0, 1.0, -1.0), *layout.continuous[1:]), layout.discrete)
+    if setting == "misses":
+        return Layout(discrete=(JointTable((0, 1), np.zeros((2, 2), np.int32), (0, 1)),))
     return Layout(hybrid(device).continuous, (JointTable((0, 7), np.zeros((2, 2), np.int32)),))

@@ -4,7 +4,9 @@ import argparse
 import shlex
 from collections.abc import Sequence
 
+from joybridge.client.own_runs import untrusted
 from joybridge.client.simulator_source import SimulatorSource
+from joybridge.config.config_files import find_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.programs import programs_of, with_names
 from joybridge.contract.address import address
@@ -105,8 +107,14 @@ def add_own_game(options: argparse.Namespace, configs: Sequence[str]) -> None:
     """Let the class or program that configurations name as their game be one of the command's, under its name.
 
     configs: files, or names of installed ones; see `programs_of`. A simulator that is running has the game already.
-    `options.typed` gets the overrides and the games that a repetition of the command has to name. Raises ConfigError.
+    `options.typed` gets the overrides and the games that a repetition of the command has to name. Raises ConfigError,
+    and UntrustedRunError for the configuration of a run that names a class or a program.
     """
+    for config in configs:
+        folder, trusted = find_config(config).parent, getattr(options, "trust_run", False)
+        if not trusted and (folder / "checkpoints").is_dir() and (named := programs_of(config, [])):
+            # A run that was trained here names its games by their names alone.
+            raise untrusted(folder, [f"start {place}" for place in named.values()])
     found = [programs_of(config, options.overrides) for config in configs]
     if any(places != found[0] for places in found):
         raise ConfigError("the configurations are of several games; compare those of one game")

@@ -6,7 +6,9 @@ system at once: a program that is killed loses none that it has played.
 """
 
 import json
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 
 from joybridge.client.recording import COUNT, Kind, Record, Writer, heading
@@ -60,7 +62,8 @@ class DemonstrationLog:
 
     def came(self, steps: Sequence[StepArrays]) -> None:
         """Append the last request and the step that answers it. Raises StorageError."""
-        self._append([*self._waiting, _step(steps)])
+        self._waiting.append(_step(steps))
+        self._append(self._waiting)
         self._waiting = []
 
     def saved(self, parts: Mapping[str, bytes]) -> None:
@@ -70,25 +73,40 @@ class DemonstrationLog:
         """Do nothing: all that was played is in the file."""
 
     def _append(self, records: Sequence[Record]) -> None:
-        data = self._writer.encode(records)
+        writer = copy(self._writer)  # what could not be written is not part of the checksum
+        data = writer.encode(records)
         with storing(self._folder):
-            if self.path is None:
-                self.path = self._new_file()
-            with self.path.open("ab", buffering=0) as file:
-                file.write(data)
+            self._write(data)
+        self._writer = writer
 
-    def _new_file(self) -> Path:
-        """Make the next file of the game in the folder, with its first line, and return its path."""
+    def _write(self, data: bytes) -> None:
+        """Write records whole or not at all, the first ones into a new file. Raises OSError."""
+        if self.path is None:
+            self.path = self._new_file(data)
+            return
+        whole = self.path.stat().st_size
+        try:
+            with self.path.open("ab") as file:  # buffered: it writes all, or raises
+                file.write(data)
+        except OSError:
+            os.truncate(self.path, whole)  # a part of a record would make the file unreadable
+            raise
+
+    def _new_file(self, data: bytes) -> Path:
+        """Make the next file of the game in the folder, with its first line and records, and return its path."""
         name = metrics_name(self._game)
         number = 1
         while True:
             path = self._folder / f"{name}-{number:04d}{SUFFIX}"
             try:
-                with path.open("xb", buffering=0) as file:
-                    file.write(self._writer.first_line)
+                with path.open("xb") as file:
+                    file.write(self._writer.first_line + data)
                 return path
             except FileExistsError:
                 number += 1
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
 
 
 def _step(steps: Sequence[StepArrays]) -> Record:

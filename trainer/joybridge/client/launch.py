@@ -61,6 +61,7 @@ def announcing(command: Sequence[str], failure: str, environment: Mapping[str, s
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
+        errors="replace",  # a game may print anything
         env={**os.environ, **(environment or {})},
         start_new_session=True,  # Ctrl-C and the end of a terminal are for this process
     )

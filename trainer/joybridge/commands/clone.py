@@ -107,6 +107,8 @@ def _read(folder: Path) -> Recorded:
     first = load_recording(own[0])
     if first.spec is None:
         raise ConfigError(f"{own[0]} holds a fault, expected a demonstration; move it elsewhere")
+    if first.start.game != first.spec.name:  # nothing else of a stranger's file says where a game is
+        raise ConfigError(f"{own[0]} is of {first.start.game!r}, but shows {first.spec.name!r}; record it again")
     shown = [load_demonstration(file, first.spec) for file in files]
     return Recorded(first.start.game, dict(first.start.options), shown)
 
@@ -115,9 +117,11 @@ def _config(given: Config | None, overrides: Sequence[str], recorded: Recorded, 
     """Return the configuration of the new run. Raises ConfigError if it is for another game."""
     known = {"game": recorded.game, "options": recorded.options, "demonstrations": str(folder)}
     if given is None:
-        return make_config(merge(known, read_overrides(overrides)))
+        given = make_config(merge(known, read_overrides(overrides)))
     if given.game != recorded.game:
-        raise ConfigError(f"--config is for {given.game}, but {folder} shows {recorded.game}; name another one")
+        raise ConfigError(
+            f"the configuration is for {given.game}, but {folder} shows {recorded.game}; name another one"
+        )
     for name, value in read_overrides(overrides).get("options", {}).items():
         if recorded.options.get(name) != value:
             raise ConfigError(f"options.{name}: got {value!r}, but {folder} shows {recorded.options}; leave it out")

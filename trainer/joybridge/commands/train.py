@@ -131,19 +131,16 @@ def _train(options: argparse.Namespace) -> None:
     if config.demonstrations:
         find_demonstrations(Path(config.demonstrations))
     run = options.run or Path("runs") / run_name(config, path.stem, options.overrides)
-    if options.trust_run:
-        trust_all([path.parent, run, *config.opponents.shares])
-    for known in filter(has_checkpoint, {path.parent, run}):  # they may be a stranger's
-        check_code(known, config)
+    _check_code_of_runs(options, config, [path.parent, run])
     check_run(config, run, resume=options.resume)
     resume = options.resume and has_checkpoint(run)
     if options.resume and not resume:
         say(f"{run} ended before anything was saved, so it starts over")
     if config.weights_from and not resume:
         load_checkpoint(Path(config.weights_from))
-    if resume and config.total_timesteps > (before := run_config(run).total_timesteps):
+    if resume and config.total_timesteps > (end := run_config(run).total_timesteps):
         say(
-            f"{run} is lengthened from {before:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
+            f"{run} is lengthened from {end:,} to {config.total_timesteps:,} timesteps: learning rate, clip range "
             "and entropy coefficient now reach their ends there, so they are higher than they were"
         )
     if options.simulators and options.simulators > config.arenas:
@@ -194,6 +191,17 @@ def _train(options: argparse.Namespace) -> None:
             if not (isinstance(error, KeyboardInterrupt) and over.is_set() and checkpoints(run)):
                 raise
     say_next("evaluate", str(run))
+
+
+def _check_code_of_runs(options: argparse.Namespace, config: Config, runs: Sequence[Path]) -> None:
+    """Raise UntrustedRunError for code that a stranger's run names: one of `runs`, or that of --from."""
+    others = [Path(config.weights_from)] if config.weights_from else []
+    if options.trust_run:
+        trust_all([*runs, *others, *config.opponents.shares])
+    for known in filter(has_checkpoint, {*runs}):
+        check_code(known, config)
+    for other in filter(has_checkpoint, others):
+        check_code(other, run_config(other))
 
 
 @contextmanager

@@ -18,6 +18,7 @@ def check_layouts(layouts: Sequence[Layout], device: pb.Device) -> None:
     _check_each_once("axis", [axis.name for axis in device.axes], axes)
     _check_each_once("branch", [branch.name for branch in device.branches], branches)
     for part in parts:
+        _check_form(part)
         for name, values, low, high in _values(part, device):
             if not len(values) or not (low <= values.min() <= values.max() <= high):
                 raise DeviceError(f"it sets {name!r} to {values.tolist()[:9]}, expected values in {low:g}..{high:g}")
@@ -29,6 +30,21 @@ def _check_each_once(kind: str, names: Sequence[str], held: Sequence[int]) -> No
     for index, name in enumerate(names):
         if (count := held.count(index)) != 1:
             raise DeviceError(f"it sets {name!r} {count} times, expected once")
+
+
+def _check_form(part: Part) -> None:
+    """Raise DeviceError for a range without extent, and for a table whose columns do not belong together."""
+    if isinstance(part, AxisRange) and not part.low < part.high:
+        raise DeviceError(f"it has a range {part.low:g}..{part.high:g} of axis {part.axis}, expected low < high")
+    if isinstance(part, JointTable):
+        if not np.array_equal(part.values, np.floor(part.values)):
+            raise DeviceError("it has a table of choices that are no whole numbers")
+        rows = 0 if part.positions is None else len(part.positions)
+        if rows != (len(part.values) if part.axes else 0):
+            raise DeviceError(
+                f"it has a table of {len(part.values)} rows for {len(part.axes)} axes with {rows} positions, expected "
+                "positions where there are axes, one per row"
+            )
 
 
 def _values(part: Part, device: pb.Device) -> Iterator[tuple[str, Array, float, float]]:

@@ -60,10 +60,12 @@ def build_model(document: Document) -> onnx.ModelProto:
 
 def check_operators(model: bytes) -> None:
     """Raise ValueError for a model that repeats, branches, calls others, or reads other files, as none of ours does."""
-    graph = onnx.load_model_from_string(model).graph
+    loaded = onnx.load_model_from_string(model)
+    graph = loaded.graph
     if unknown := sorted({node.op_type for node in graph.node} - OPERATORS):
         raise ValueError(f"it has the operator {unknown[0]}, which no exported policy has")
-    if any(node.domain for node in graph.node) or any(constant.external_data for constant in graph.initializer):
+    outside = any(node.domain for node in graph.node) or any(one.external_data for one in graph.initializer)
+    if outside or graph.sparse_initializer or loaded.functions:  # which may have external data, too
         raise ValueError("it needs something outside itself, which no exported policy does")
 
 

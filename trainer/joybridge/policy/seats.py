@@ -92,7 +92,9 @@ class Seats:
             if step.interrupted is not None:
                 cut.update((step.ended[step.interrupted] // shape[1]).tolist())
             over = True
-        arenas = np.flatnonzero(self._ended.all(axis=1)) if over else ()
+        if not over:
+            return []
+        arenas = np.flatnonzero(self._ended.all(axis=1))
         results = [Result(int(a), self._earners[a].copy(), self._scores[a].copy()) for a in arenas if a not in cut]
         self._ended[arenas] = False
         return results

@@ -35,8 +35,8 @@ def transferred(before: Actor, now: Actor) -> dict[str, Array]:
 
 
 def _placed(array: Array, into: Array, before: Sequence[Hashable], now: Sequence[Hashable]) -> Array:
-    """Return `into` with the rows of an array at the places of their keys; the array if their rows differ in form."""
-    if array.shape[1:] != into.shape[1:]:
+    """Return `into` with the rows of an array at the places of their keys; the array if its rows do not fit."""
+    if array.shape[1:] != into.shape[1:] or len(array) != len(before) or len(into) != len(now):  # as in a map
         return array
     rows, places = into.copy(), {key: row for row, key in enumerate(now)}
     for key, row in zip(before, array, strict=True):

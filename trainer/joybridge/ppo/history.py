@@ -21,7 +21,7 @@ class Window(NamedTuple):
         """Return the stacks, uint8 [n, frame_stack, height, width, channels]."""
         return self.pictures[self.sources, self.lanes[:, None]]
 
-    def rows(self, index: Array | slice) -> "Window":
+    def rows(self, index: Array) -> "Window":
         """Return some of the stacks."""
         return Window(self.pictures, self.sources[index], self.lanes[index])
 

@@ -61,10 +61,6 @@ class Actions:
         moved.sequences = None if self.sequences is None else self.sequences.to(accelerator)
         return moved
 
-    def slice(self, start: int, end: int) -> Self:
-        """Return the timesteps start .. end - 1 without copying them."""
-        return self._each(lambda part: part[start:end])
-
     def _each(self, function: Callable[[Any], Any]) -> Self:
         fields: dict[str, Any] = {
             name: None if part is None else function(part) for name, part in vars(self).items() if name != "sequences"

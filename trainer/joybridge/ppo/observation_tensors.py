@@ -35,10 +35,6 @@ class Observations:
             ),
         )
 
-    def __getitem__(self, rows: slice) -> Self:
-        images = tuple(image.rows(rows) if isinstance(image, Window) else image[rows] for image in self.images)
-        return type(self)(self.numbers[rows], images)
-
     def to(self, device: torch.device) -> Self:
         """Return the same on a device; windows stay where they are until they are gathered."""
         images = tuple(image if isinstance(image, Window) else image.to(device) for image in self.images)

@@ -67,22 +67,22 @@ class OwnEncoder(nn.Module):
         if not (isinstance(made, type) and issubclass(made, nn.Module)):
             raise ConfigError(f"network: {name!r} is no subclass of torch.nn.Module")
         empty = {
-            name: torch.zeros(1, *shape, dtype=torch.uint8 if name in images else torch.float32)
+            name: torch.zeros(2, *shape, dtype=torch.uint8 if name in images else torch.float32)
             for name, shape in stacked.items()
         }
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             try:
-                self.module = made(stacked)
+                self.module = made(stacked).eval()  # a draw by the module would be no part of a checkpoint
                 with torch.no_grad():
                     features = self.module(empty)
             except Exception as error:
                 raise ConfigError(
                     f"network: {name} does not work with {stacked}: {type(error).__name__}: {error}"
                 ) from error
-        if not isinstance(features, Tensor) or features.dim() != 2 or len(features) != 1:
+        if not isinstance(features, Tensor) or features.dim() != 2 or len(features) != 2:
             shape = list(features.shape) if isinstance(features, Tensor) else type(features).__name__
-            raise ConfigError(f"network: {name} returns {shape} for one row, expected [1, features]")
+            raise ConfigError(f"network: {name} returns {shape} for two rows, expected [2, features]")
         self.features = features.shape[1]
 
     def forward(self, observations: Observations) -> Encoded:

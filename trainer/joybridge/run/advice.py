@@ -104,7 +104,9 @@ class Adviser:
             )
 
     def look_at_update(self, statistics: Row) -> Iterator[str]:
-        """Yield what is remarkable about the statistics of an update."""
+        """Yield what is remarkable about the statistics of an update; there are none where nothing was decided."""
+        if not statistics:
+            return
         if self._kl and (kl := statistics.get("approx_kl", 0.0)) > LARGE_KL:
             self._kl = False
             yield (

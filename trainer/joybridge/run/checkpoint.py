@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from joybridge.config.errors import CheckpointError
+from joybridge.config.errors import CheckpointError, StorageError
 from joybridge.config.files import storing, sync_folder, write_synced
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
@@ -72,6 +72,9 @@ def save_checkpoint(
             temporary.mkdir(parents=True)
             data = save(arrays)
             text = manifest.model_copy(update={"arrays_bytes": len(data)}).model_dump_json(indent=1).encode()
+            for what, size, most in (("arrays", data, MAX_ARRAYS_BYTES), ("manifest", text, MAX_TEXT_BYTES)):
+                if len(size) > most:
+                    raise StorageError(f"the {what} of {run} have {len(size):,} bytes, expected at most {most:,}")
             write_synced(temporary / ARRAYS, data)
             write_synced(temporary / MANIFEST, text)
             write_synced(temporary / SUMS, _sums(data, text))

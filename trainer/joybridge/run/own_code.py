@@ -1,4 +1,6 @@
-"""Code that a configuration names (`network`, `loss`, `layout`): imported for a run only if this user trained it here.
+"""What a configuration names: code (`network`, `loss`, `layout`) and simulators of `games`.
+
+It is imported, and connected to, for a run only if this user has trained the run here.
 
 A run is a folder that anybody may have made. The names in its configuration are believed if this user signed them on
 this machine and in this folder (see own_runs.py), or says so with --trust-run.
@@ -43,18 +45,18 @@ def trust_all(names: Iterable[Path | str]) -> None:
 
 
 def sign_code(run: Path, config: Config, say: Callable[[str], None]) -> None:
-    """Note in the folder of a run that this user trains it with the code that it names. Raises StorageError."""
-    if not code_of(config):
+    """Note in the folder of a run that this user trains it with what it names. Raises StorageError."""
+    if not _named(config):
         return
     if signature := sign_or_say(_signed(config), say):
         write_atomically(run / FILE, json.dumps({"signature": signature}).encode())
 
 
 def check_code(run: Path, config: Config) -> None:
-    """Raise UntrustedRunError unless the code that the configuration of a run names may be imported."""
-    if not (named := code_of(config)) or run.resolve() in _trusted or is_ours(_signed(config), _signature(run)):
+    """Raise UntrustedRunError unless what the configuration of a run names may be imported, and connected to."""
+    if not (named := _named(config)) or run.resolve() in _trusted or is_ours(_signed(config), _signature(run)):
         return
-    raise untrusted(run, [f"import {', '.join(named)}"])
+    raise untrusted(run, named)
 
 
 def check_code_beside(path: Path, config: Config, *, trusted: bool) -> None:
@@ -71,5 +73,12 @@ def _signature(run: Path) -> str:
 
 
 def _signed(config: Config) -> bytes:
-    """Return what is signed: the names, and the current folder, in which modules are looked for."""
-    return json.dumps([code_of(config), str(Path.cwd())]).encode()
+    """Return what is signed: what is named, and the current folder, in which modules are looked for."""
+    return json.dumps([_named(config), str(Path.cwd())]).encode()
+
+
+def _named(config: Config) -> list[str]:
+    """Return what is done with the names of a configuration."""
+    simulators = sorted({one.simulator for one in config.games.values() if one.simulator})
+    wishes = {"import": code_of(config), "connect to": simulators}
+    return [f"{what} {', '.join(names)}" for what, names in wishes.items() if names]
