@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, StorageError
 from joybridge.contract.tensors import Array
 from joybridge.run import checkpoint
@@ -26,6 +27,9 @@ from joybridge.run.checkpoint import (
     read_checkpoint,
     save_checkpoint,
 )
+from joybridge.run.run_state import RunState
+from joybridge.run.saving import Saver
+from joybridge.run.trained import find_trained
 
 SOME: dict[str, Array] = {
     "a": np.arange(6, dtype=np.float32).reshape(2, 3),
@@ -327,3 +331,31 @@ def test_a_kill_at_any_line_of_saving_leaves_a_checkpoint_that_can_be_loaded(tmp
         sys.settrace(previous)
     assert points > 40
     assert len(shapes) == 2
+
+
+def test_policies_of_a_run_are_found_although_its_newest_checkpoint_is_damaged(tmp_path):
+    keep(tmp_path, 3, 4, keep=9)
+    (keep(tmp_path, 5, keep=9) / MANIFEST).write_bytes(b"{")
+    assert [found.timesteps for found in find_trained(tmp_path, 9)] == [3, 4]
+
+
+def test_what_could_not_be_read_again_is_not_saved_and_costs_no_older_checkpoint(tmp_path):
+    keep(tmp_path, 3)
+    with pytest.raises(StorageError, match=r"manifest of .* bytes, expected at most 1,048,576"):
+        save_checkpoint(tmp_path, SOME, Manifest(timesteps=5, snapshots=[["x" * 2**20]]), keep=1)
+    assert newest(tmp_path) == 3 and len(checkpoints(tmp_path)) == 1
+
+
+def test_the_best_state_is_saved_first_and_the_last_one_even_if_there_is_no_room_for_the_best(tmp_path, monkeypatch):
+    saved: list[str] = []
+
+    def refuse(state, run):
+        saved.append("best")
+        raise StorageError("no room")
+
+    monkeypatch.setattr(RunState, "save_as_best", refuse)
+    monkeypatch.setattr(RunState, "save", lambda state, run, keep: saved.append("last"))
+    saver = Saver(tmp_path, Config(game="archer", checkpoint_interval=1), RunState())
+    with pytest.raises(StorageError, match="no room"):
+        saver.take(RunState(timesteps=5, score=1.0))
+    assert saved == ["best", "last"]

@@ -20,7 +20,7 @@ from joybridge.commands.replay import main as replay_main
 from joybridge.config.config import Config
 from joybridge.config.errors import StorageError
 from joybridge.demonstrations.cloning import targets
-from joybridge.demonstrations.files import load_demonstration
+from joybridge.demonstrations.files import chosen_demonstrations, load_demonstration
 from joybridge.demonstrations.recorded import load_recorded
 from joybridge.layouts import list_roles, make_acts
 from joybridge.policy.actor import Actor
@@ -325,3 +325,9 @@ def test_a_full_disk_costs_what_could_not_be_written_and_no_more(tmp_path, simul
         assert len(load_recording(file).exchanges) == 2
         session.step(acts)  # there is room again
     assert len(load_recording(file).exchanges) == 4
+
+
+def test_a_demonstration_that_cannot_be_read_is_named_and_not_the_note_of_the_run(tmp_path):
+    (tmp_path / "folder.demo").mkdir()
+    with pytest.raises(RecordingError, match=r"folder\.demo cannot be read .*; move it elsewhere"):
+        chosen_demonstrations(tmp_path, tmp_path / "run", resumed=False)

@@ -19,10 +19,10 @@ def packed(tag: int, numbers: Sequence[int]) -> bytes:
     return bytes([tag]) + varint(len(data)) + data
 
 
-def varint(number: int, size: int = 1) -> bytes:
-    """Return a number that is not negative as a varint, padded to at least `size` bytes."""
+def varint(number: int) -> bytes:
+    """Return a number that is not negative as a varint."""
     data = bytearray()
-    while number > 0x7F or len(data) + 1 < size:
+    while number > 0x7F:
         data.append(number & 0x7F | 0x80)
         number >>= 7
     return bytes([*data, number])

@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 
 from joybridge.client.demonstration_log import SUFFIX
-from joybridge.client.recording import MAX_FILE_BYTES
+from joybridge.client.recording import MAX_FILE_BYTES, RecordingError
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import write_atomically
 from joybridge.contract.files import read_file
@@ -68,4 +68,8 @@ def foreign_kind(path: Path) -> str:
 
 
 def _sum(file: Path) -> str:
-    return hashlib.sha256(read_file(file, MAX_FILE_BYTES)).hexdigest()
+    """Return the checksum of a demonstration. Raises RecordingError."""
+    try:
+        return hashlib.sha256(read_file(file, MAX_FILE_BYTES)).hexdigest()
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{file} cannot be read ({error}); move it elsewhere") from error

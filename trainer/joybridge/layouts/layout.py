@@ -97,7 +97,7 @@ class Layout:
         """Return the policy's actions that come nearest to what a device was given: the reverse of `write`.
 
         continuous, float32 [lanes, continuous], in the middle of what acts alike; discrete, int64 [lanes, branches].
-        A layout that knows better overrides this.
+        A layout that knows better overrides this; as part of a mixture it is read by this one.
         """
         lanes = len(act.axes)
         continuous = np.zeros((lanes, len(self.continuous)), np.float32)

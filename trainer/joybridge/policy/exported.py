@@ -176,7 +176,8 @@ class ExportedPlayer:
             fine = fine and known.all() and mask[np.arange(len(mask)), column].all()
         if not fine:
             raise ConfigError(
-                f"{self._where} does what its device or a mask forbids, so it is damaged; export it again"
+                f"{self._where} does what its device or a mask forbids: it is damaged, or masks leave it no choice; "
+                "play its run instead"
             )
         act.axes[held], act.choices[held] = own.axes, own.choices
 

@@ -6,6 +6,7 @@ from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
 from joybridge.v1 import bridge_pb2 as pb
 
+OTHER_VERSION = "it is a network of another version of joybridge"
 LSTM_GATES = 4  # a GRU has three
 
 
@@ -17,6 +18,8 @@ def misfits(
     saved: of a checkpoint. now: of the game and configuration at hand, whose policy sees `frame_stack` frames of
     `sensors`.
     """
+    if any(array.ndim != now[name].ndim for name, array in saved.items() if name in now):
+        return [OTHER_VERSION]
     differences = []
     before, after = _layers(saved), _layers(now)
     parts = ", ".join(f"{sensor.name} {element_count(sensor)}" for sensor in sensors)
@@ -43,7 +46,7 @@ def misfits(
             f"the network had {actions[0]} for actions, now {actions[1]}: the layout or the device differs"
         )
     if not differences and _shapes(saved) != _shapes(now):
-        differences.append("it is a network of another version of joybridge")
+        differences.append(OTHER_VERSION)
     return differences
 
 

@@ -14,10 +14,10 @@ from joybridge.ppo.networks import Network
 
 @torch.no_grad()
 def orthogonal(network: Network, seed: int) -> None:
-    """Make all weights orthogonal (Saxe et al. 2014), with the gains of Stable-Baselines3 and CleanRL; biases are 0.
+    """Make weights orthogonal (Saxe et al. 2014), with the gains of Stable-Baselines3 and CleanRL; biases are 0.
 
-    The gain is √2 for hidden layers and convolutions, 0.01 for policy heads and 1 for values. A network of the user's
-    own stays as it is.
+    Those are the weights of hidden layers and convolutions (gain √2), of policy heads (0.01) and of values (1). A
+    memory stays as it is, and so does a network of the user's own.
     """
     generator = torch.Generator().manual_seed(seed)
     towers = [tower for tower in (network.actor, network.critic) if tower is not None]

@@ -83,6 +83,8 @@ class OwnEncoder(nn.Module):
         if not isinstance(features, Tensor) or features.dim() != 2 or len(features) != 2:
             shape = list(features.shape) if isinstance(features, Tensor) else type(features).__name__
             raise ConfigError(f"network: {name} returns {shape} for two rows, expected [2, features]")
+        if other := [key for key, each in self.module.named_parameters() if each.dtype != torch.float32]:
+            raise ConfigError(f"network: {name} has {other[0]} in another type than float32")
         self.features = features.shape[1]
 
     def forward(self, observations: Observations) -> Encoded:

@@ -36,6 +36,12 @@ class Saver:
                 self._save()
 
     def _save(self) -> None:
-        self._state.save(self._run, self._config.keep_checkpoints)
-        if self._best is not None:
-            self._best.save_as_best(self._run)
+        """Save the best state, then the last: a run that is killed in between finds the best one again.
+
+        If there is no room for the best one, the last one is saved all the same. Raises StorageError.
+        """
+        try:
+            if self._best is not None:
+                self._best.save_as_best(self._run)
+        finally:
+            self._state.save(self._run, self._config.keep_checkpoints)

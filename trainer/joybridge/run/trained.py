@@ -6,7 +6,7 @@ from typing import NamedTuple
 from joybridge.config.config import Config
 from joybridge.config.errors import CheckpointError, ConfigError
 from joybridge.policy.actor import Actor, make_actors, trained_actors
-from joybridge.run.checkpoint import NO_CHECKPOINT, checkpoints, read_checkpoint
+from joybridge.run.checkpoint import NO_CHECKPOINT, checkpoints, load_checkpoint, read_checkpoint
 from joybridge.run.pool import load_pooled, pooled, thinned
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -58,6 +58,8 @@ def _all_trained(run: Path) -> dict[int, Trained]:
     folders = checkpoints(run)
     if not folders:
         raise ConfigError(f"{run} {NO_CHECKPOINT}")
-    past = pooled(read_checkpoint(folders[-1])[0])
-    found = {timesteps: Trained(run, timesteps, folders[-1], number) for number, timesteps in past.items()}
-    return found | {int(folder.name): Trained(run, int(folder.name), folder) for folder in folders}
+    arrays, manifest = load_checkpoint(run)  # the newest that is whole
+    kept = {int(folder.name): folder for folder in folders if int(folder.name) <= manifest.timesteps}
+    newest = kept[manifest.timesteps]
+    found = {timesteps: Trained(run, timesteps, newest, number) for number, timesteps in pooled(arrays).items()}
+    return found | {timesteps: Trained(run, timesteps, folder) for timesteps, folder in kept.items()}
