@@ -249,3 +249,16 @@ def test_options_of_a_configuration_give_way_to_the_recorded_ones_and_it_says_so
     assert main(["clone", str(demos), "--config", str(config), "--run", str(run), "--passes", "2"]) == 0
     assert "the options {'masks': 'on'} of --config are replaced" in capsys.readouterr().err
     assert run_config(run).options["masks"] == "off"
+
+
+def test_held_out_episodes_that_a_layout_cannot_express_keep_nobody_from_learning_others(simulator, tmp_path, capsys):
+    for number in range(4):
+        with Session(simulator, "hard_move", arenas=1, seed=number) as session:
+            session.record_demonstration(tmp_path / "demos")
+            (act,) = make_acts(session.spec, 1)
+            act.axes[:], act.choices[:, :2] = 0.25, (1, number == 0)  # in the first episode two buttons at once
+            while not len(session.step([act])[0].ended):
+                pass
+    for seed in range(4):
+        words = ["--layout", "bucket-5", "--run", str(tmp_path / str(seed)), "--passes", "1", f"seed={seed}"]
+        assert main(["clone", str(tmp_path / "demos"), *words, *SMALL]) == 0, capsys.readouterr().err

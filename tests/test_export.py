@@ -11,11 +11,14 @@ import torch
 
 from joybridge import cli
 from joybridge.cli import main
+from joybridge.client.client import describe
 from joybridge.config.config import Config
+from joybridge.config.errors import ExportError
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.play import export as exporting
 from joybridge.play.export import compare
 from joybridge.play.playing import PlaySpec, open_play
+from joybridge.policy.actor import make_actors
 from joybridge.policy.document import encode, make_document
 from joybridge.policy.exported import Model
 from joybridge.policy.onnx_model import build_model
@@ -314,3 +317,10 @@ def test_a_policy_with_a_hand_is_exported_only_without_it(simulator, tmp_path, c
     assert "hand.hold=2 hand.reach=0.5, and exported files have none" in capsys.readouterr().err
     assert main([*export, "hand.hold=1", "hand.reach=1"]) == 0
     assert "it plays 1,024 decisions as the trainer does" in capsys.readouterr().out
+
+
+def test_a_layout_that_moves_an_axis_within_a_part_of_its_range_is_not_exported(simulator):
+    spec = describe(simulator, "hybrid", {})
+    actors = make_actors(Config(game="hybrid", layout="tests.support.own_layouts:narrow"), spec)
+    with pytest.raises(ExportError, match=r"its layout moves 'x' within .* only, which no exported file can say"):
+        make_document(actors, spec.behaviors[0], deterministic=True, about={})

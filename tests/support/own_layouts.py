@@ -89,3 +89,9 @@ def careless(device, setting):
     if setting == "misses":
         return Layout(discrete=(JointTable((0, 1), np.zeros((2, 2), np.int32), (0, 1)),))
     return Layout(hybrid(device).continuous, (JointTable((0, 7), np.zeros((2, 2), np.int32)),))
+
+
+def narrow(device, setting):
+    """Move the first axis within a half of its range."""
+    first, *others = ranges(device)
+    return Layout((AxisRange(0, first.low, (first.low + first.high) / 2), *others), hybrid(device).discrete)

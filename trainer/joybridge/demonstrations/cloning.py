@@ -46,6 +46,8 @@ def demonstrate(
     yield from filter(None, (demonstration.remark() for demonstration in shown))
     for policy in policies:
         wanted = targets(policy.actor, shown, config, lineup)
+        if wanted.unsaid and wanted.actions is None:
+            raise ConfigError(wanted.remark)
         policy.demonstrated = wanted.actions
         yield wanted.remark
     if all(policy.demonstrated is None for policy in policies):
@@ -111,10 +113,11 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config, lineup
             f" ({', '.join(f'{number:,} of {game}' for number, game in zip(of_games, lineup.games, strict=True))})"
         )
     if not said.any():
-        raise ConfigError(
+        none = (
             f"demonstrations: {config.layout} can say none of the {len(said):,} decisions that are demonstrated to "
             f"{actor.name}; choose another layout, such as hybrid, which can express all"
         )
+        return Targets(None, none, len(said))
     if not said.all():
         remark += f"; {int((~said).sum()):,} are left out, because {config.layout} cannot make these presses"
     if len(moved) and moved[said].max() > 1e-6:

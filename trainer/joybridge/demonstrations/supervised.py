@@ -70,7 +70,8 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
         targets(actor, [_demonstration(shown[0], [episodes[i] for i in part], spec, actor.behavior)], config)
         for part in parts
     )
-    assert learned.actions is not None
+    if learned.actions is None:
+        raise ConfigError(learned.remark)
     decisions = 0 if held_out.actions is None else len(held_out.actions)
     other = "other is" if count == 1 else "others are"
     earned = np.mean([float((episode.rewards @ actor.encoder.weights).sum()) for episode in episodes])

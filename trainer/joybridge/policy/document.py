@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from joybridge.config.errors import ExportError
 from joybridge.contract.tensors import NUMPY_TYPES, Array
 from joybridge.layouts import AxisRange, AxisTable, JointTable, Split, Threshold
 from joybridge.layouts.layout import SQUASHED
@@ -32,7 +33,15 @@ def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, determinist
     """Return the policies that share the device of a behavior as one document.
 
     deterministic: it takes the likeliest actions instead of sampling. about: what else a reader may want to know.
+    Raises ExportError for a layout that no file can hold.
     """
+    for part in (part for actor in actors for part in actor.layout.continuous if isinstance(part, AxisRange)):
+        axis = behavior.device.axes[part.axis]
+        if (part.low, part.high) != (axis.low, axis.high):  # which the formats do not say
+            raise ExportError(
+                f"its layout moves {axis.name!r} within {part.low:g}..{part.high:g} only, which no exported file can "
+                "say; play its run with `joybridge.play.agent.load`"
+            )
     seen = {sensor.name for actor in actors for sensor in actor.encoder.sensors}
     return {
         "format": FORMAT,
