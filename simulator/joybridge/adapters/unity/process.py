@@ -48,22 +48,31 @@ class PlayerProcess:
         Thread(target=self._end, daemon=True).start()
 
     def _end(self) -> None:
-        for number in (signal.SIGTERM, signal.SIGKILL):
+        for stop in (self._terminate, self._kill):
             try:
                 self._process.wait(ENDING_SECONDS)
             except subprocess.TimeoutExpired:
-                self._signal(number)
+                stop()
         self._process.wait()
         atexit.unregister(self._kill)
 
-    def _kill(self) -> None:
-        if self._process.poll() is None:
-            self._signal(signal.SIGKILL)
-
-    def _signal(self, number: int) -> None:
-        """Send a signal to the process and to what it has started: a build may be a script that starts the player."""
+    def _terminate(self) -> None:
+        """Ask the process to end, and what it has started: a build may be a script that starts the player."""
         with suppress(OSError):
-            os.killpg(self._process.pid, number)
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGTERM)
+            else:
+                self._process.terminate()
+
+    def _kill(self) -> None:
+        """End the process, and what it has started."""
+        with suppress(OSError):
+            if self._process.poll() is not None:
+                return
+            if hasattr(os, "killpg") and hasattr(signal, "SIGKILL"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
 
 
 def find_build(place: str) -> Path:
