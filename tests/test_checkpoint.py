@@ -341,7 +341,7 @@ def test_policies_of_a_run_are_found_although_its_newest_checkpoint_is_damaged(t
 
 def test_what_could_not_be_read_again_is_not_saved_and_costs_no_older_checkpoint(tmp_path):
     keep(tmp_path, 3)
-    with pytest.raises(StorageError, match=r"manifest of .* bytes, expected at most 1,048,576"):
+    with pytest.raises(StorageError, match=r"manifest.json has .* bytes, expected at most 1,048,576"):
         save_checkpoint(tmp_path, SOME, Manifest(timesteps=5, snapshots=[["x" * 2**20]]), keep=1)
     assert newest(tmp_path) == 3 and len(checkpoints(tmp_path)) == 1
 

@@ -72,9 +72,9 @@ def save_checkpoint(
             temporary.mkdir(parents=True)
             data = save(arrays)
             text = manifest.model_copy(update={"arrays_bytes": len(data)}).model_dump_json(indent=1).encode()
-            for what, size, most in (("arrays", data, MAX_ARRAYS_BYTES), ("manifest", text, MAX_TEXT_BYTES)):
-                if len(size) > most:
-                    raise StorageError(f"the {what} of {run} have {len(size):,} bytes, expected at most {most:,}")
+            for name, content, most in ((ARRAYS, data, MAX_ARRAYS_BYTES), (MANIFEST, text, MAX_TEXT_BYTES)):
+                if len(content) > most:
+                    raise StorageError(f"{target / name} has {len(content):,} bytes, expected at most {most:,}")
             write_synced(temporary / ARRAYS, data)
             write_synced(temporary / MANIFEST, text)
             write_synced(temporary / SUMS, _sums(data, text))

@@ -74,11 +74,15 @@ def _signature(run: Path) -> str:
 
 def _signed(config: Config) -> bytes:
     """Return what is signed: what is named, and the current folder, in which modules are looked for."""
-    return json.dumps([_named(config), str(Path.cwd())]).encode()
+    return json.dumps([[*code_of(config), *_simulators(config)], str(Path.cwd())]).encode()
+
+
+def _simulators(config: Config) -> list[str]:
+    """Return the simulators that several games name, sorted."""
+    return sorted({one.simulator for one in config.games.values() if one.simulator})
 
 
 def _named(config: Config) -> list[str]:
     """Return what is done with the names of a configuration."""
-    simulators = sorted({one.simulator for one in config.games.values() if one.simulator})
-    wishes = {"import": code_of(config), "connect to": simulators}
+    wishes = {"import": code_of(config), "connect to": _simulators(config)}
     return [f"{what} {', '.join(names)}" for what, names in wishes.items() if names]
