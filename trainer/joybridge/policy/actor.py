@@ -71,6 +71,8 @@ class Actor:
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
         check_maps(role.name, [form for _, form in space.maps], pictures)
+        if config.image_shift and not pictures:
+            raise ConfigError(f"{role.name}: image_shift: there are no images; leave it out")
         if config.frame_differences:
             check_differences(role.name, config.network, config.frame_stack, pictures)
         count = 1 if shared or config.shared_encoder else 2
