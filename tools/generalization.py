@@ -2,10 +2,10 @@
 
 python -m tools.generalization FOLDER
 
-Policies are trained in the folder with shooting_birds/fast, on so many levels of the training set, and play their own
-levels, 1,000 levels of the test set, and the seven levels of the paper. What rewards.csv beside the page has already is
-neither trained nor played again. Scores are shares of what the scripted player earns on the same levels, so that easy
-and hard ones can be compared.
+Policies are trained in the folder with shooting_birds/fast and shooting_birds/screen, on so many levels of the
+training set, and play their own levels, 1,000 levels of the test set, and the seven levels of the paper. What
+rewards.csv beside the page has already is neither trained nor played again. Scores are shares of what the scripted
+player earns on the same levels, so that easy and hard ones can be compared.
 """
 
 import argparse
@@ -13,9 +13,10 @@ import csv
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,18 +29,33 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 
 UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
+SCREEN_EPISODES = 240  # of an evaluation by screen
 SEEDS = (1, 2, 3)
 COUNTS = (7, 50, 200, 1000, 1_000_000)  # of levels to train on
+SCREEN_COUNTS = (7, 50, 200, 1_000_000)
 CHANGED, UNLIMITED = 50, 1_000_000  # levels of the runs with changes, and of those that see birds
 PAGE = Path(__file__).parents[1] / "results" / "generalization" / "README.md"
-CONFIG = "shooting_birds/fast"
-SHORT, LONG = 3_000_000, 18_000_000  # timesteps
+CONFIG, SCREEN = "shooting_birds/fast", "shooting_birds/screen"
+SHORT, LONG, SEEN = 3_000_000, 18_000_000, 1_500_000  # timesteps; the last of those that see pictures
 BIRDS = ["options.nearest_birds=shown", "options.locomotion=axes"]
 CHANGES = {
     "three times the entropy bonus": ["policy.entropy_coef=0.03"],
     "weight decay of 0.1": ["policy.weight_decay=0.1"],
     "actor and critic apart": ["policy.shared_body=false"],
 }
+SHIFT = {"images shifted by up to 2 pixels": ["policy.image_shift=2"]}
+
+
+class Training(NamedTuple):
+    """What is trained with each seed."""
+
+    name: str  # of its runs, before the seed
+    settings: Sequence[str]  # the configuration, and what is changed in it
+    episodes: int = EPISODES  # of an evaluation
+
+    def changed(self, change: str, settings: Sequence[str]) -> "Training":
+        """Return the same with a change."""
+        return Training(f"{self.name}-{change.replace(' ', '-')}", [*self.settings, *settings], self.episodes)
 
 
 def joybridge(*arguments: str) -> str:
@@ -48,10 +64,20 @@ def joybridge(*arguments: str) -> str:
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def generated(count: int, timesteps: int) -> list[str]:
+def generated(count: int) -> list[str]:
     """Return the settings of training on so many generated levels."""
-    levels = ["stratify_by=null", "options.levels=generated", f"parameters.level_count={count}"]
-    return [*levels, f"total_timesteps={timesteps}"]
+    return ["stratify_by=null", "options.levels=generated", f"parameters.level_count={count}"]
+
+
+def by_numbers(count: int) -> Training:
+    """Return what is trained on so many levels and sees numbers."""
+    return Training(f"levels-{count}", [CONFIG, *generated(count), f"total_timesteps={SHORT}"])
+
+
+def by_screen(count: int) -> Training:
+    """Return what is trained on so many levels and sees two pictures."""
+    settings = [SCREEN, *generated(count), f"total_timesteps={SEEN}"]
+    return Training(f"screen-{count}", settings, SCREEN_EPISODES)
 
 
 def scripted(first: int, count: int) -> float:
@@ -78,20 +104,20 @@ class Study:
         self.first = SETS["test"].start
         self.unseen = scripted(self.first, UNSEEN)
 
-    def rewards(self, name: str, settings: Sequence[str], levels: str) -> list[float]:
+    def rewards(self, training: Training, levels: str) -> list[float]:
         """Return the mean reward of the policy of each seed on some levels: FIRST-COUNT, or the paper's."""
-        runs = [f"{name}-{seed}" for seed in SEEDS]
+        runs = [f"{training.name}-{seed}" for seed in SEEDS]
         for seed, run in zip(SEEDS, runs, strict=True):
             if (run, levels) not in self.known:
-                self._train(self.folder / run, [*settings, f"seed={seed}"])
-                self._evaluate(run, levels)
+                self._train(self.folder / run, [*training.settings, f"seed={seed}"])
+                self._evaluate(run, levels, training.episodes)
         return [float(self.known[run, levels]["reward"]) for run in runs]
 
-    def shares(self, name: str, settings: Sequence[str], count: int) -> list[str]:
+    def shares(self, training: Training, count: int) -> list[str]:
         """Return the cells of runs on so many levels: their score on these, and on levels that they have not seen."""
         own = scripted(0, count)
-        seen = [reward / own for reward in self.rewards(name, settings, f"0-{count}")]
-        new = [reward / self.unseen for reward in self.rewards(name, settings, f"{self.first}-{UNSEEN}")]
+        seen = [reward / own for reward in self.rewards(training, f"0-{count}")]
+        new = [reward / self.unseen for reward in self.rewards(training, f"{self.first}-{UNSEEN}")]
         gaps = [1 - after / before for before, after in zip(seen, new, strict=True)]
         return [cell(seen), cell(new), cell(gaps)]
 
@@ -99,43 +125,47 @@ class Study:
         """Train a run, unless it is finished."""
         if not (run / "finished").exists():
             begun = (run / "config.yaml").exists()
-            joybridge("train", CONFIG, "--run", str(run), *(["--resume"] if begun else settings))
+            joybridge("train", settings[0], "--run", str(run), *(["--resume"] if begun else settings[1:]))
             (run / "finished").touch()
 
-    def _evaluate(self, run: str, levels: str) -> None:
+    def _evaluate(self, run: str, levels: str, episodes: int) -> None:
         """Play some levels with the policy of a run, and write the table."""
         settings = ["options.levels=original"]
         if levels != "paper":
             first, count = levels.split("-")
             settings = [f"parameters.first_level={first}", f"parameters.level_count={count}"]
-        found = joybridge("evaluate", str(self.folder / run), *settings, "--episodes", str(EPISODES), "--json")
+        found = joybridge("evaluate", str(self.folder / run), *settings, "--episodes", str(episodes), "--json")
         (policy,) = json.loads(found.splitlines()[-1]).values()
-        reward, episodes = policy["means"]["reward"], policy["episodes"]
-        self.known[run, levels] = {"run": run, "levels": levels, "reward": reward, "episodes": episodes}
+        row = {"reward": policy["means"]["reward"], "episodes": policy["episodes"]}
+        self.known[run, levels] = {"run": run, "levels": levels} | row
         with self.table.open("w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, ["run", "levels", "reward", "episodes"], lineterminator="\n")
             writer.writeheader()
             writer.writerows(self.known[key] for key in sorted(self.known))
 
 
+def changes(study: Study, training: Training, found: Mapping[str, Sequence[str]]) -> list[list[str]]:
+    """Return the rows of a table about some changes of what is trained on a few levels."""
+    shares = {change: study.shares(training.changed(change, settings), CHANGED) for change, settings in found.items()}
+    return [["none", *study.shares(training, CHANGED)], *([change, *cells] for change, cells in shares.items())]
+
+
 def page(study: Study) -> str:
     """Return the page, after training and playing what is missing."""
     rows = []
     for count in COUNTS:
-        name, settings = f"levels-{count}", generated(count, SHORT)
-        rewards = study.rewards(name, settings, "paper")
-        rows.append([f"{count:,}", *study.shares(name, settings, count), cell(rewards, 0)])
-    specialists = cell(study.rewards("paper", [f"total_timesteps={SHORT}"], "paper"), 0)
-    changed = [["none", *study.shares(f"levels-{CHANGED}", generated(CHANGED, SHORT), CHANGED)]]
-    for change, settings in CHANGES.items():
-        name = f"levels-{CHANGED}-{change.replace(' ', '-')}"
-        changed.append([change, *study.shares(name, [*generated(CHANGED, SHORT), *settings], CHANGED)])
-    known = study.rewards("birds-paper", [f"total_timesteps={LONG}", *BIRDS], "paper")
-    unlimited = study.rewards(f"birds-levels-{UNLIMITED}", [*generated(UNLIMITED, LONG), *BIRDS], "paper")
+        rewards = study.rewards(by_numbers(count), "paper")
+        rows.append([f"{count:,}", *study.shares(by_numbers(count), count), cell(rewards, 0)])
+    specialists = cell(study.rewards(Training("paper", [CONFIG, f"total_timesteps={SHORT}"]), "paper"), 0)
+    settings = [CONFIG, f"total_timesteps={LONG}", *BIRDS]
+    known = study.rewards(Training("birds-paper", settings), "paper")
+    settings += generated(UNLIMITED)
+    unlimited = study.rewards(Training(f"birds-levels-{UNLIMITED}", settings), "paper")
     seeing = [
         [levels, cell(rewards, 0), cell([reward / fmean(known) for reward in rewards])]
         for levels, rewards in {"the paper's seven": known, f"{UNLIMITED:,}": unlimited}.items()
     ]
+    screen = [[f"{count:,}", *study.shares(by_screen(count), count)] for count in SCREEN_COUNTS]
     head = ["on these levels", "on unseen levels", "gap"]
     return (
         "# Levels that were not seen\n\n"
@@ -152,7 +182,13 @@ def page(study: Study) -> str:
         "what those earn that were trained on the paper's seven levels.\n\n"
         + table(["levels trained on", "reward on the paper's seven", "share"], seeing)
         + f"\n\n## Changes, on {CHANGED} levels\n\n"
-        + table(["change", *head], changed)
+        + table(["change", *head], changes(study, by_numbers(CHANGED), CHANGES))
+        + "\n\n## From the screen\n\n"
+        f"Policies of `{SCREEN}`, which see two pictures and no number, after {SEEN:,} timesteps.\n"
+        f"{SCREEN_EPISODES} episodes of each set.\n\n"
+        + table(["levels trained on", *head], screen)
+        + f"\n\nA change, on {CHANGED} levels:\n\n"
+        + table(["change", *head], changes(study, by_screen(CHANGED), SHIFT))
         + "\n"
     )
 
