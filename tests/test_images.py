@@ -14,6 +14,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors
+from joybridge.policy.config_fit import check_fit
 from joybridge.policy.encoder import push_frames
 from joybridge.ppo.convolutions import GAIN, WHITE, DifferenceConvolution, ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
@@ -151,8 +152,9 @@ def test_every_pixel_of_an_image_is_seen(kind, height, width):
 def test_differences_of_no_frames_are_refused(settings, message):
     spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
     config = Config(game="hybrid", policy=PolicyConfig(frame_differences=True, **settings))
-    with pytest.raises(ConfigError, match=f"player: frame_differences: {message}"):
-        make_actors(config, spec)
+    for check in (check_fit, make_actors):
+        with pytest.raises(ConfigError, match=f"player: frame_differences: {message}"):
+            check(config, spec)
 
 
 def test_a_policy_of_a_game_with_an_image_acts_on_it():
@@ -275,8 +277,9 @@ def test_a_run_with_shifted_images_resumes_to_the_same_bits(simulator, tmp_path)
 def test_shifting_needs_images():
     spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
     config = Config(game="hybrid", policy=PolicyConfig(image_shift=2, image_encoder="none"))
-    with pytest.raises(ConfigError, match="player: image_shift: there are no images; leave it out"):
-        make_actors(config, spec)
+    for check in (check_fit, make_actors):
+        with pytest.raises(ConfigError, match="player: image_shift: there are no images; leave it out"):
+            check(config, spec)
 
 
 def test_a_rollout_of_pictures_takes_little_more_memory_than_its_bytes():

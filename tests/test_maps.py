@@ -131,6 +131,20 @@ def test_a_map_without_its_image_is_refused(layout, sensors, message):
             check(Config(game="seen", layout=layout), game(*sensors))
 
 
+@pytest.mark.parametrize(
+    ("layout", "settings", "message"),
+    [
+        ("map-4x4", {}, "has no maps for the layout; choose one without map-WxH"),
+        ("hybrid", {"remember_acts": 1}, "sees sensors alone; set remember_acts to 0"),
+    ],
+)
+def test_a_network_of_ones_own_is_refused_what_it_does_not_have(layout, settings, message):
+    config = Config(game="seen", layout=layout, policy=PolicyConfig(network="torch.nn:Identity", **settings))
+    for check in (check_fit, make_actors):
+        with pytest.raises(ConfigError, match=f"network: torch.nn:Identity {message}"):
+            check(config, game(FIELD))
+
+
 def test_pixels_that_are_plain_numbers_are_no_image_to_point_into():
     config = Config(game="seen", layout="map-4x4", policy=PolicyConfig(image_encoder="none"))
     with pytest.raises(ConfigError, match="it sees no image"):

@@ -11,6 +11,7 @@ from joybridge.config.policy_config import PolicyConfig
 from joybridge.config.presets import PRESETS
 from joybridge.layouts import make_layouts
 from joybridge.policy.actor import make_actors
+from joybridge.policy.config_fit import check_fit
 from joybridge.simulator import axis, behavior, branch, sensor
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -80,5 +81,6 @@ def test_the_deviations_of_gsde_are_those_of_its_coefficients():
 @pytest.mark.parametrize(("layout", "known"), [("hybrid", "x, y"), ("beta", "none"), ("bucket-5", "none")])
 def test_a_deviation_of_what_has_no_gaussian_is_refused(layout, known):
     policy = PolicyConfig(log_std_init={"jump": 1.0})
-    with pytest.raises(ConfigError, match=f"log_std_init: 'jump' has no Gaussian; there are {known}"):
-        make_actors(Config(game="still", layout=layout, policy=policy), SPEC)
+    for check in (check_fit, make_actors):
+        with pytest.raises(ConfigError, match=f"log_std_init: 'jump' has no Gaussian; there are {known}"):
+            check(Config(game="still", layout=layout, policy=policy), SPEC)

@@ -16,13 +16,13 @@ from joybridge.layouts import Role
 from joybridge.policy.config_fit import fitting_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.fit import misfits
+from joybridge.policy.network_fit import check_network
 from joybridge.policy.past_acts import PastActs
 from joybridge.policy.scaling import make_scaling
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.acting import decide, write_heads
 from joybridge.ppo.fast.kernels import NO_MASKS, Action, Noise
 from joybridge.ppo.fast.towers import NetworkShape, shape_of
-from joybridge.ppo.images import check_differences, check_maps
 from joybridge.ppo.initialization import orthogonal, set_log_std
 from joybridge.ppo.networks import Heads, MemoryKind, Network, Towers, flatten_parameters
 from joybridge.ppo.observation import Observation
@@ -70,17 +70,9 @@ class Actor:
         self.observation_size = self.past.size + self.encoder.size * config.frame_stack
         self.accelerator = torch.device(accelerator)
         pictures = [*self.encoder.images.values()]
-        check_maps(role.name, [form for _, form in space.maps], pictures)
-        if config.image_shift and not pictures:
-            raise ConfigError(f"{role.name}: image_shift: there are no images; leave it out")
-        if config.frame_differences:
-            check_differences(role.name, config.network, config.frame_stack, pictures)
+        check_network(role, behavior.device, config, pictures)
         count = 1 if shared or config.shared_encoder else 2
         encoders: list[ImageEncoder | OwnEncoder] = []
-        if config.network and space.maps:
-            raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
-        if config.network and config.remember_acts:
-            raise ConfigError(f"network: {config.network} sees sensors alone; set remember_acts to 0")
         if config.network:
             encoders += [
                 OwnEncoder(config.network, self.encoder.numbers, self.encoder.images, config.frame_stack, seed + index)

@@ -13,9 +13,9 @@ from joybridge.layouts import Role, list_roles
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.policy.hand import pointer_speeds
 from joybridge.policy.lineup import make_lineup
+from joybridge.policy.network_fit import check_network
 from joybridge.policy.scaling import make_scaling
 from joybridge.policy.stratify import balanced_options
-from joybridge.ppo.images import check_maps
 from joybridge.v1 import bridge_pb2 as pb
 
 
@@ -51,7 +51,7 @@ def check_fit(config: Config, spec: pb.GameSpec) -> None:
         weights, images = policy.reward_weights, policy.image_encoder
         encoder = ObservationEncoder(role.name, behavior, policy.sensors, weights, images)
         make_scaling(role.name, policy.scale_observations, encoder.numbers)
-        check_maps(role.name, [form for _, form in role.layout.space.maps], encoder.images.values())
+        check_network(role, behavior.device, policy, encoder.images.values())
 
 
 def check_curriculum(config: Config, spec: pb.GameSpec) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import nn
 
-from joybridge.config.errors import ConfigError
 from joybridge.layouts.layout import GAUSSIAN, GSDE, SQUASHED
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.networks import Network
@@ -36,8 +35,8 @@ def orthogonal(network: Network, seed: int) -> None:
 def set_log_std(network: Network, log_std: float | Mapping[str, float], names: Sequence[str]) -> None:
     """Set the deviations that Gaussians begin with, squashed ones included, to the exponential of `log_std`.
 
-    With `gsde-N`, these are the deviations of the coefficients. names: what the continuous actions act on. Raises
-    ConfigError for a name with none.
+    With `gsde-N`, these are the deviations of the coefficients. names: what the continuous actions act on; `log_std`
+    names those of them that have a Gaussian.
     """
     kinds = network.space.distributions or [GAUSSIAN] * len(names)
     counts = [each.parameters for each in network.distributions] or [1] * len(names)
@@ -50,7 +49,5 @@ def set_log_std(network: Network, log_std: float | Mapping[str, float], names: S
     }
     given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(known, log_std)
     for name, value in given.items():
-        if name not in known:
-            raise ConfigError(f"log_std_init: {name!r} has no Gaussian; there are {', '.join(known) or 'none'}")
         part, scale = known[name]
         part.fill_(scale * value)
