@@ -236,10 +236,11 @@ def test_a_run_is_played_at_the_simulators_of_its_training_if_these_have_the_gam
     assert not (run / FILE).exists() and last_simulators(run).simulators == SimulatorSource()
 
 
-def test_a_damaged_memory_of_simulators_is_named(run, capsys):
-    (run / FILE).write_text("[1]")
+@pytest.mark.parametrize(("text", "reason"), [("[1]", "Input should be"), ('{"count": "x"}', "count: Input should be")])
+def test_a_damaged_memory_of_simulators_is_named(text, reason, run, capsys):
+    (run / FILE).write_text(text)
     assert main(["evaluate", str(run)]) == 1
-    assert f"{run / FILE} cannot be read" in capsys.readouterr().err
+    assert f"{run / FILE} cannot be read ({reason}" in capsys.readouterr().err
     (run / FILE).unlink()
 
 

@@ -126,7 +126,7 @@ def test_a_log_is_read_back_and_a_damaged_row_is_named(tmp_path):
         '{"players": ["a"], "places": [1]}': "players: ",
         '{"players": ["a", "b"], "places": [1]}': "2 players have 1 places",
         '{"players": ["a", "b"], "places": [1, NaN]}': "places.1",
-        '{"players": ["a", "b"], "pla': "it: ",
+        '{"players": ["a", "b"], "pla': "Invalid JSON: ",
     }.items():
         (tmp_path / "matches.jsonl").write_text(f"{log[0].model_dump_json()}\n{row}\n")
         with pytest.raises(CheckpointError, match=r"matches.jsonl, line 2, is no match: .*; delete it") as caught:

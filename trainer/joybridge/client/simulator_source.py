@@ -20,6 +20,7 @@ from joybridge.client.own_runs import is_ours, sign_or_say, untrusted
 from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.json_files import reason_of
 from joybridge.contract.address import address
 from joybridge.contract.credentials import CredentialsError, ProtectedAddress, load_credentials
 from joybridge.contract.files import read_file
@@ -102,7 +103,9 @@ def last_simulators(run: Path) -> Remembered:
     except FileNotFoundError:
         return Remembered(run)
     except (OSError, ValueError, RecursionError, argparse.ArgumentTypeError) as error:
-        raise ConfigError(f"{path} cannot be read ({error}); delete it, and name the simulator or the game") from error
+        raise ConfigError(
+            f"{path} cannot be read ({reason_of(error)}); delete it, and name the simulator or the game"
+        ) from error
     found = replace(found, cluster="", count=1)  # whoever joins a cluster trusts it, which no file of others decides
     return Remembered(run, found, str(signature))
 

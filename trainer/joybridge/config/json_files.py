@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from joybridge.config.errors import ConfigError
 from joybridge.contract.files import read_file
@@ -23,5 +23,13 @@ def read_json(path: Path, kind: TypeAdapter[T], most: int, advice: str) -> T | N
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        raise ConfigError(f"{path} cannot be read ({reason}); {advice}") from error
+        raise ConfigError(f"{path} cannot be read ({reason_of(error)}); {advice}") from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return what is wrong with a file in a few words: with the first wrong field, if pydantic names any."""
+    if isinstance(error, ValidationError):
+        first = error.errors(include_input=False, include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        return f"{where}: {first['msg']}" if where else str(first["msg"])
+    return str(error).partition("\n")[0]

@@ -12,6 +12,7 @@ import onnxruntime as ort
 from pydantic import BaseModel
 
 from joybridge.config.errors import ConfigError
+from joybridge.config.json_files import reason_of
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.files import read_file
 from joybridge.contract.sharding import rows_of
@@ -133,7 +134,7 @@ class Exported:
         except ConfigError:
             raise
         except Exception as error:
-            reason = printable(f"{type(error).__name__}: {error}".partition("\n")[0])[:300]
+            reason = printable(f"{type(error).__name__}: {reason_of(error)}")[:300]
             raise ConfigError(f"{where} cannot play: {reason}; export it again") from error
 
     def seat(self, lanes: int) -> "ExportedPlayer":
@@ -249,7 +250,7 @@ def read_exported(content: bytes, where: str) -> tuple[About, bytes]:
     except ConfigError:
         raise
     except Exception as error:  # whatever is wrong with a file, it is one sentence
-        reason = printable(f"{type(error).__name__}: {error}".partition("\n")[0])[:300]
+        reason = printable(f"{type(error).__name__}: {reason_of(error)}")[:300]
         raise ConfigError(
             f"{where} is no exported policy: {reason}; write one with `joybridge export RUN policy.json`"
         ) from error

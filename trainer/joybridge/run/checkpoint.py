@@ -17,6 +17,7 @@ from safetensors.numpy import load, save
 
 from joybridge.config.errors import CheckpointError, StorageError
 from joybridge.config.files import storing, sync_folder, write_synced
+from joybridge.config.json_files import reason_of
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
 from joybridge.run.origin import Origin
@@ -206,8 +207,7 @@ def _warn(text: str) -> None:
 def _explain(error: Exception) -> str:
     """Return the reason of an error in a few words."""
     if isinstance(error, ValidationError):
-        first = error.errors(include_input=False, include_url=False)[0]
-        return ": ".join([MANIFEST, *map(str, first["loc"]), first["msg"]])
+        return f"{MANIFEST}: {reason_of(error)}"
     if isinstance(error, OSError):
         return f"{Path(str(error.filename)).name}: {error.strerror}" if error.filename else str(error)
     return f"{ARRAYS}: {error}"

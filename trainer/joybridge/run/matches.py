@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from joybridge.config.errors import CheckpointError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.json_files import reason_of
 from joybridge.contract.files import read_file
 from joybridge.contract.tensors import Array
 
@@ -66,9 +67,7 @@ def read_matches(folder: Path) -> list[Match]:
         try:
             matches.append(Match.model_validate_json(line))
         except ValidationError as error:
-            first = error.errors(include_input=False, include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "it"
-            raise CheckpointError(f"{path}, line {number}, is no match: {where}: {first['msg']}; delete it") from None
+            raise CheckpointError(f"{path}, line {number}, is no match: {reason_of(error)}; delete it") from None
     return matches
 
 
