@@ -124,6 +124,15 @@ def test_a_run_that_is_not_there_is_refused_before_a_simulator_is_waited_for(con
     assert "gone holds no checkpoint" in errors and "waiting" not in errors
 
 
+def test_a_run_whose_last_checkpoint_is_damaged_says_from_where_it_goes_on(config, simulator, tmp_path, capsys):
+    command = ["train", str(config), *SMALL, "checkpoint_interval=128", "--run", str(tmp_path / "run")]
+    assert main([*command, "--simulator", simulator, "stop_at=256"]) == 0
+    (checkpoints(tmp_path / "run")[-1] / "arrays.safetensors").write_bytes(b"")
+    capsys.readouterr()
+    assert main([*command, "--simulator", simulator, "stop_at=384", "--resume"]) == 0
+    assert "128 of 384 timesteps done" in capsys.readouterr().out
+
+
 def test_the_best_checkpoint_is_that_of_the_best_row_and_can_be_played(trained, simulator, capsys):
     rows = read_rows(trained / "metrics-player.csv")
     best = max(rows, key=lambda row: row["reward"])

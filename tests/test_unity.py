@@ -11,6 +11,7 @@ import pytest
 
 from joybridge.adapters.unity import process as unity_process
 from joybridge.adapters.unity.communicator import Communicator
+from joybridge.adapters.unity.forms import BehaviorForm
 from joybridge.client.client import Session
 from joybridge.client.errors import SimulatorError
 from joybridge.client.launch import simulator_process
@@ -420,3 +421,9 @@ def test_after_a_player_has_failed_another_one_is_waited_for():
     assert second.heard[0].from_trainer.hello.seed == 9  # it had not been greeted yet
     player.over.set()
     second.over.set()
+
+
+def test_sensors_are_numbered_so_that_no_two_have_one_name():
+    first = agent(0, *(vector(1, name=name) for name in ("a", "a", "a_1", "a", "a_3")))
+    form = BehaviorForm(ml.BehaviorParameters(name="walker", action_spec=hybrid(1)), first, 1, [])
+    assert [one.name for one in form.sensors] == ["a_0", "a_6", "a_1", "a_8", "a_3"]

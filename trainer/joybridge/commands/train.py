@@ -162,8 +162,7 @@ def _train(options: argparse.Namespace) -> None:
             from joybridge.run.train import train
             from joybridge.run.training import Audience
 
-        saved = checkpoints(run)
-        begin = int(saved[-1].name) if saved else 0
+        begin = load_checkpoint(run)[1].timesteps if resume else 0  # the last one may be damaged
         heading = f"run {run}: {config.game}, {config.layout}, {begin:,} of {config.end:,} timesteps done"
         remember(run, simulators, say)
         sign_code(run, config, say)

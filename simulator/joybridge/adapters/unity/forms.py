@@ -114,8 +114,11 @@ def check_actions(parameters: ml.BehaviorParameters) -> None:
 
 
 def _rename(sensors: Sequence[SensorForm]) -> None:
-    """Number the names that occur more than once."""
+    """Number the names that occur more than once, or that are too long, so that all differ."""
     names = [one.name for one in sensors]
     for index, one in enumerate(sensors):
         if names.count(one.name) > 1 or len(one.name) > MAX_NAME:
-            one.name = f"{one.name[: MAX_NAME - 10]}_{index}"
+            short, number = one.name[: MAX_NAME - 10], index
+            while f"{short}_{number}" in names:
+                number += len(names)
+            one.name = f"{short}_{number}"
