@@ -29,7 +29,7 @@ from joybridge.games.shooting_birds.game import ShootingBirds
 
 UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
-SCREEN_EPISODES = 240  # of an evaluation by screen
+SCREEN_EPISODES = 150  # of an evaluation by screen
 SEEDS = (1, 2, 3)
 COUNTS = (7, 50, 200, 1000, 1_000_000)  # of levels to train on
 SCREEN_COUNTS = (7, 50, 200, 1_000_000)
