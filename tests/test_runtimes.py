@@ -159,6 +159,55 @@ def play_elsewhere(run, simulator, players, count, *, index=0, deterministic=Fal
     return decisions, wanted
 
 
+def _vast(document):
+    """The product of the sides is 1,200 in 64 bits, as many as the image has."""
+    (image,) = (each for each in document["policies"][0]["images"] if each["shape"] == [20, 20, 3])
+    image["shape"] = [4213528, 2588957, 3382042]
+
+
+def _growing(document):
+    """A picture of 20 x 20 pixels becomes 400 of 220 x 220."""
+    image = document["policies"][0]["images"][0]
+    step = image["steps"][0] | {"size": [1, 1], "stride": 1, "padding": 100}
+    channels = step["weight"].shape[1]
+    step |= {"weight": np.ones((400, channels, 1, 1), np.float32), "bias": np.ones(400, np.float32)}
+    image["steps"][0] = step
+
+
+def _unbounded(document):
+    network = document["policies"][0]
+    network["deviations"] = np.full_like(network["deviations"], np.nan)
+
+
+def _crossed(document):
+    document["axes"][0] |= {"low": 1.0, "high": -1.0}
+
+
+@pytest.mark.parametrize("damage", [_vast, _growing, _unbounded, _crossed])
+def test_the_runtimes_refuse_what_would_take_memory_or_give_no_number(damage, simulator, players, tmp_path):
+    settings = seeing(*IMAGES[0]) | {"layout": "hybrid"}
+    run = make_run(tmp_path / "run", simulator, **settings)
+    play_elsewhere(run, simulator, players, 1)
+    with open_play(PlaySpec(run, simulator, seed=3)) as play:
+        document = documents(play, 0)
+    damage(document)
+    (run / "policy.json").write_bytes(encode(document))
+    files = [str(run / "policy.json"), str(run / "decisions.json")]
+    for language, command in players.items():
+        result = subprocess.run([*command, *files], capture_output=True, text=True, check=False, timeout=60)
+        assert result.returncode == 1 and result.stderr and not result.stdout, language
+        assert "Sanitizer" not in result.stderr and "runtime error" not in result.stderr, result.stderr
+    (decision,) = json.loads((run / "decisions.json").read_text())
+    sensors = {name: np.array([values]) for name, values in decision["sensors"].items()}
+    with pytest.raises(ValueError, match=r"damaged|reshape"):
+        _act(run / "policy.json", sensors)
+
+
+def _act(file, sensors):
+    policy = load_runtime(RUNTIME).Policy(file)
+    policy.act(sensors, policy.begin(1), np.random.default_rng(0))
+
+
 @pytest.mark.parametrize(
     ("file", "message"),
     [

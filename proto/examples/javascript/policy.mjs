@@ -52,6 +52,7 @@ export class Policy {
       shift: network.scaling && floats(network.scaling.shift),
       scale: network.scaling && floats(network.scaling.scale),
     }));
+    if (!this.axes.every(({ low, high }) => low <= high)) throw new Error("the policy is damaged");
     for (const { sizes, frame_stack, memory } of this.networks) {
       const numbers = frame_stack * sizes.reduce((sum, size) => sum + size, memory?.numbers ?? 0);
       if (!(numbers <= MAX_NUMBERS)) throw new Error("the policy is damaged");

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
-MAX_NUMBERS = 2**24  # that a policy remembers
+MAX_NUMBERS = 2**24  # that a policy remembers, and of a picture
 FORMAT = "joybridge.policy.v5"
 ACTIVATIONS = {
     "swish": lambda x: x * _sigmoid(x),
@@ -41,6 +41,8 @@ class Policy:
         self.axes = document["axes"]  # name, low and high of each, in the order of their columns
         self.branches = document["branches"]  # name and choices of each, in the order of their columns
         self.deterministic = document["deterministic"]
+        if not all(axis["low"] <= axis["high"] for axis in self.axes):
+            raise ValueError(f"{path} is damaged")
         self._networks = document["policies"]
         self._shapes = {sensor["name"]: sensor["shape"] for sensor in self.sensors}
 
@@ -115,6 +117,8 @@ class Policy:
                     pressed = _press(share, target.get("threshold"), mask.shape[1])
                     fits = mask[np.arange(lanes), pressed]
                     choices[:, target["branch"]] = np.where(fits, pressed, mask.argmax(axis=1))
+        if not np.isfinite(axes).all():
+            raise ValueError("the policy is damaged")
         return axes, choices, np.concatenate(following, axis=1)
 
     def _flat(self, sensors):
@@ -207,6 +211,9 @@ def _point(network, outputs, images):
 def _windows(step, values, beyond):
     """Return what each window of a step covers, [lanes, channels, rows, columns, height, width]."""
     margin, stride = [step["padding"]] * 2, step["stride"]
+    channels, height, width = values.shape[1:]
+    if max(channels, len(step.get("bias", ()))) * (height + sum(margin)) * (width + sum(margin)) > MAX_NUMBERS:
+        raise ValueError("the policy is damaged")
     padded = np.pad(values, [(0, 0), (0, 0), margin, margin], constant_values=beyond)
     return sliding_window_view(padded, step["size"], axis=(2, 3))[:, :, ::stride, ::stride]
 

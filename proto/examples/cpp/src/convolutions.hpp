@@ -15,6 +15,8 @@ namespace joybridge {
 
 using Activation = std::function<float(float)>;
 
+inline constexpr std::size_t MAX_NUMBERS = 1 << 24;  // of a sensor, of a picture, and of all that is remembered
+
 /// Numbers in channels of rows and columns.
 struct Planes {
   std::size_t channels, height, width;
@@ -57,6 +59,7 @@ struct EncoderStep {
             (weight.empty() || weight.size() == outputs * image.channels * rows * columns));
     Planes result{outputs, (image.height + 2 * padding - rows) / stride + 1,
                   (image.width + 2 * padding - columns) / stride + 1, {}};
+    require(outputs * result.height * result.width <= MAX_NUMBERS);
     for (std::size_t output = 0; output < outputs; ++output) {
       for (std::size_t y = 0; y < result.height; ++y) {
         for (std::size_t x = 0; x < result.width; ++x) {
@@ -119,6 +122,7 @@ struct ImageEncoder {
   explicit ImageEncoder(const Json& image)
       : sensor(image["sensor"].text), white(image["white"].number), height(image["shape"].items.at(0).place()),
         width(image["shape"].items.at(1).place()), channels(image["shape"].items.at(2).place()) {
+    require(height * width <= MAX_NUMBERS && size() <= MAX_NUMBERS);  // none of the products is cut off
     for (const Json& step : image["steps"].items) steps.emplace_back(step);
   }
 

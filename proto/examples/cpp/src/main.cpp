@@ -42,7 +42,9 @@ int main(int count, char** words) {
   try {
     for (int place = 1; place < count; place += 2) {
       const std::string name = words[place], value = place + 1 < count ? words[place + 1] : "";
-      if (name == "--address") {
+      if (value.empty() && name != "--help") {
+        throw std::invalid_argument("'" + name + "' needs a value; see --help");
+      } else if (name == "--address") {
         number("the port of --address", value.substr(value.rfind(':') + 1), 0, 65535);
         address = value;
       } else if (name == "--sessions") {

@@ -30,6 +30,8 @@ class Network {
       require(images.back().size() && sizes.at(images.back().sensor) == images.back().size());
     }
     require(frames && frames <= MAX_NUMBERS && remembers() <= MAX_NUMBERS && scale.size() == shift.size());
+    require(!json["scaling"]["limit"].there() || json["scaling"]["limit"].number >= 0);
+    for (const float deviation : deviations) require(std::isfinite(deviation));
     for (const Json& layer : json["layers"].items) layers.emplace_back(layer);
     for (const Json& table : json["discrete"].items) {
       places.emplace_back();
@@ -140,8 +142,6 @@ class Network {
     if (name == "relu") return [](float x) { return std::max(x, 0.0F); };
     return [](float x) { return x > 0 ? x : std::expm1(x); };
   }
-
-  static constexpr std::size_t MAX_NUMBERS = 1 << 24;  // of a sensor, and of all that is remembered
 
   std::map<std::string, std::size_t> sizes;  // numbers of each sensor
   std::vector<ImageEncoder> images;

@@ -51,6 +51,7 @@ class Policy {
   explicit Policy(const std::string& path) : document(Json::read(path)) {
     require(document["format"].text == "joybridge.policy.v5",
             path + " is no policy; write it with `joybridge export RUN policy.json`");
+    for (const Json& axis : document["axes"].items) require(axis["low"].number <= axis["high"].number);
     for (const Json& network : document["policies"].items) networks_.emplace_back(network, document["sensors"]);
   }
 

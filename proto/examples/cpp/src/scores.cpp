@@ -37,6 +37,18 @@ std::vector<double> play(const joybridge::Policy& policy, const joybridge::Noise
   return row;
 }
 
+/// Returns whether a policy acts on a device: on its axes, and on its branches with their choices.
+bool fits(const joybridge::Json& policy, const pb::Device& device) {
+  const auto &axes = policy["axes"].items, &branches = policy["branches"].items;
+  return std::equal(axes.begin(), axes.end(), device.axes().begin(), device.axes().end(),
+                    [](const auto& ours, const auto& theirs) { return ours["name"].text == theirs.name(); }) &&
+         std::equal(branches.begin(), branches.end(), device.branches().begin(), device.branches().end(),
+                    [](const auto& ours, const auto& theirs) {
+                      return ours["name"].text == theirs.name() &&
+                             int(ours["choices"].items.size()) == theirs.choices_size();
+                    });
+}
+
 /// Returns a line with the mean of a column.
 std::string line(const std::string& name, const std::vector<std::vector<double>>& rows, std::size_t column) {
   const double count = double(rows.size());
@@ -55,9 +67,10 @@ std::string scores(const Games& games, const std::string& file, int episodes, st
   const joybridge::Policy policy(file);
   const joybridge::Json& trained = policy.document["options"];
   google::protobuf::Map<std::string, std::string> options;
-  for (std::size_t k = 0; k < trained.items.size(); ++k) options[trained.names[k]] = trained.items[k].text;
+  for (std::size_t k = 0; k < trained.names.size(); ++k) options[trained.names[k]] = trained.items[k].text;
   const Chosen chosen = choose(games, policy.document["game"].text, options);
   const pb::Behavior& behavior = chosen.spec.behaviors(0);
+  joybridge::require(fits(policy.document, behavior.device()), file + " acts on another device than the game has");
   const joybridge::Noise noise = joybridge::seeded(seed);
   const auto arena = chosen.game.open(chosen.options, seed, 0);
   std::vector<std::vector<double>> rows;

@@ -26,11 +26,18 @@ function begin(): void {
   rewards = [];
   try {
     player = new Player(meteors, policy, BigInt(Math.floor(Math.random() * 2 ** 32)));
+    pause.disabled = again.disabled = false;
+    show(player);
   } catch (error) {
-    tell((error as Error).message);
+    refuse(error);
   }
-  pause.disabled = again.disabled = !player;
-  if (player) show(player);
+}
+
+/** Let nothing play, and say why. */
+function refuse(error: unknown): void {
+  player = undefined;
+  pause.disabled = again.disabled = true;
+  tell((error as Error).message);
 }
 
 /** Play the decisions that are due. */
@@ -41,14 +48,18 @@ function play(now: number): void {
   if (due < 1) return;
   last += due * tick;
   if (!player || paused) return;
-  for (let decision = 0; decision < Math.min(due, MOST); decision += 1) {
-    if (player.episode.end) {
-      rewards.push(player.episode.reward);
-      player.begin();
+  try {
+    for (let decision = 0; decision < Math.min(due, MOST); decision += 1) {
+      if (player.episode.end) {
+        rewards.push(player.episode.reward);
+        player.begin();
+      }
+      player.step();
     }
-    player.step();
+    show(player);
+  } catch (error) {
+    refuse(error);
   }
-  show(player);
 }
 
 /** Show what the player sees and does. */
