@@ -56,6 +56,7 @@ def main() -> int:
             with tempfile.TemporaryDirectory() as folder:
                 reward = check_learning(address, Path(folder))
                 check_export(address, Path(folder), reward)
+                check_refusals(Path(folder))
             check_ending(process, address)
         with tempfile.TemporaryDirectory() as folder:
             token = Path(folder) / "token"
@@ -129,6 +130,30 @@ def check_export(address: str, folder: Path, reward: float) -> None:
     alone = float(run(str(BUILD / "paddle"), "--policy", policy, "--episodes", "200")[1].split()[1])
     if not abs(alone - reward) <= MOST_APART:
         raise Failed(f"alone, the policy scores {alone:.1f}, with the trainer {reward:.1f}")
+
+
+def check_refusals(folder: Path) -> None:
+    """Raise Failed unless a policy of another device, wrong options and forgotten values are refused in a sentence."""
+    document = json.loads((folder / "policy.json").read_text())
+    for name, changes, reason in (
+        ("other", {"axes": [], "branches": [], "policies": []}, "acts on another device than the game has"),
+        ("listed", {"options": [1], "game": "pong"}, "no game named 'pong'"),
+    ):
+        file = folder / f"{name}.json"
+        file.write_text(json.dumps(document | changes))
+        refused(reason, "--policy", str(file))
+    refused("'--token-file' needs a value", "--token-file")
+    refused("'--policy' needs a value", "--policy", "")
+
+
+def refused(reason: str, *options: str) -> None:
+    """Raise Failed unless the server ends with status 2 and says why."""
+    command = [str(BUILD / "paddle"), *options]
+    print("\n$", *command, flush=True)
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=ENDING_SECONDS)
+    print(ended.stderr, end="")
+    if ended.returncode != 2 or reason not in ended.stderr:
+        raise Failed(f"the server ended with {ended.returncode} and {ended.stderr!r}, expected 2 and {reason!r}")
 
 
 def learn(address: str, folder: Path, overrides: Sequence[str]) -> float:

@@ -36,7 +36,7 @@ SCREEN_COUNTS = (7, 50, 200, 1_000_000)
 CHANGED, UNLIMITED = 50, 1_000_000  # levels of the runs with changes, and of those that see birds
 PAGE = Path(__file__).parents[1] / "results" / "generalization" / "README.md"
 CONFIG, SCREEN = "shooting_birds/fast", "shooting_birds/screen"
-SHORT, LONG, SEEN = 3_000_000, 18_000_000, 1_500_000  # timesteps; the last of those that see pictures
+SHORT, LONG, SEEN = 3_000_000, 18_000_000, 1_000_000  # timesteps; the last of those that see pictures
 BIRDS = ["options.nearest_birds=shown", "options.locomotion=axes"]
 CHANGES = {
     "three times the entropy bonus": ["policy.entropy_coef=0.03"],
@@ -124,8 +124,8 @@ class Study:
     def _train(self, run: Path, settings: Sequence[str]) -> None:
         """Train a run, unless it is finished."""
         if not (run / "finished").exists():
-            begun = (run / "config.yaml").exists()
-            joybridge("train", settings[0], "--run", str(run), *(["--resume"] if begun else settings[1:]))
+            begun = ["--resume"] if (run / "config.yaml").exists() else []
+            joybridge("train", *settings, "--run", str(run), *begun)
             (run / "finished").touch()
 
     def _evaluate(self, run: str, levels: str, episodes: int) -> None:

@@ -26,11 +26,11 @@ SURE = 0.95  # share of a bird's radius within which a shot is made
 
 
 @compiled
-def decide(arenas, obstacles, delay, crosshair, gone, axes, shots):
+def decide(arenas, obstacles, delay, crosshair, ammo, gone, axes, shots):
     """Write the velocity [arenas, 2] to the nearest bird, and whether to shoot [arenas]; both are done after `delay`.
 
-    crosshair: where it will be then, units [arenas, 2]. gone: for how many decisions more a bird counts as gone
-    [arenas, birds]; one that is shot at does for as long as the shot takes.
+    crosshair: where it will be then, units [arenas, 2]. ammo: the shots that are left then [arenas]. gone: for how many
+    decisions more a bird counts as gone [arenas, birds]; one that is shot at does for as long as the shot takes.
     """
     for i in range(len(arenas)):
         arena, nearest, target = arenas[i], np.inf, -1
@@ -48,8 +48,8 @@ def decide(arenas, obstacles, delay, crosshair, gone, axes, shots):
             if max(abs(dx), abs(dy)) < nearest and abs(next_x) <= REACH_X and abs(next_y) <= REACH_Y:
                 nearest = max(abs(dx), abs(dy))
                 axes[i, 0], axes[i, 1] = min(max(dx / STEP, -1.0), 1.0), min(max(dy / STEP, -1.0), 1.0)
-        shots[i] = target >= 0
-        if target >= 0:
+        shots[i] = target >= 0 and ammo[i] > 0
+        if shots[i]:
             gone[i, target] = delay + 1
 
 
@@ -64,8 +64,7 @@ def play(delay: int, arenas: int, forgets: bool = False, seed: int = 0) -> tuple
     reward = np.zeros(arenas)
     for _ in range(EPISODE_TICKS):
         axes, shots = np.zeros((arenas, 2)), np.zeros(arenas, np.int64)
-        decide(game.arenas, game.world.obstacles, delay, _crosshair(game, on_the_way), gone, axes, shots)
-        shots *= ammo > 0
+        decide(game.arenas, game.world.obstacles, delay, _crosshair(game, on_the_way), ammo, gone, axes, shots)
         reloads = ammo == 0
         ammo = np.where(reloads, MAGAZINE, ammo - shots)
         choices = np.stack([shots, reloads], axis=1).astype(np.int32)

@@ -3,7 +3,7 @@
     python -m tools.pointer --seeds 3 --timesteps 200000 --output runs/pointer
 
 The game says that its axes are positions, and never changes: `pointer`, `layout` and `penalty_ramp` are keys of the
-configuration. Runs that the folder already holds are not repeated.
+configuration. Runs of as many timesteps that the folder already holds are not repeated, and go on where they ended.
 """
 
 import argparse
@@ -116,15 +116,17 @@ def main() -> None:
     print(f"| {options.timesteps:,} timesteps, {options.seeds} seeds | caught per episode | presses |\n|---|---|---|")
     for number, (name, keys) in enumerate(VARIANTS.items()):
         runs = [
-            train(options.output / f"{number}-s{seed}", seed, options.timesteps, keys) for seed in range(options.seeds)
+            train(options.output / f"{number}-s{seed}-{options.timesteps}", seed, options.timesteps, keys)
+            for seed in range(options.seeds)
         ]
         caught, presses = (", ".join(f"{run[metric]:.1f}" for run in runs) for metric in ("caught", "presses"))
         print(f"| {name} | {caught} | {presses} |", flush=True)
 
 
 def train(run: Path, seed: int, timesteps: int, keys: list[str]) -> dict[str, float]:
-    """Return the means of the last rows of a run, which is trained if it is not there. Raises CalledProcessError."""
-    if not (run / "metrics-player.csv").exists():
+    """Return the means of the last rows of a run, which is trained unless it is finished. Raises CalledProcessError."""
+    metrics = run / "metrics-player.csv"
+    if not metrics.exists() or read_rows(metrics)[-1]["timesteps"] < timesteps:
         run.parent.mkdir(parents=True, exist_ok=True)
         settings = run.parent / "pointer.yaml"
         settings.write_text(
@@ -134,8 +136,9 @@ def train(run: Path, seed: int, timesteps: int, keys: list[str]) -> dict[str, fl
         )
         command = [sys.executable, "-m", "joybridge", "train", "--game", "tools.pointer:Moths"]
         command += [str(settings), "--run", str(run), f"seed={seed}", f"total_timesteps={timesteps}", *keys]
+        command += ["--resume"] if (run / "config.yaml").exists() else []
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    rows = read_rows(run / "metrics-player.csv")
+    rows = read_rows(metrics)
     last = rows[-max(1, round(LAST * len(rows))) :]
     return {metric: float(np.mean([row[metric] for row in last])) for metric in ("caught", "presses")}
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 
@@ -88,6 +89,8 @@ def joybridge(*words: str) -> str:
 def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mapping[str, Sequence[float]]) -> str:
     """Return the page about the results so far."""
     seeds, kinds = [*results["single"][GAMES[0]]], [kind for kind in KINDS if results.get(kind)]
+    others = sorted({seed for kind in kinds if kind != "joint" for seed in results[kind][GAMES[0]]})
+    command = f"python -m tools.several --seeds {','.join(seeds)} --other-seeds {quote(','.join(others))}"
     rows = []
     for game in GAMES:
         single = results["single"][game]
@@ -103,7 +106,7 @@ def page(results: Mapping[str, Mapping[str, Mapping[str, float]]], speeds: Mappi
     lines = [
         "# One policy for three games, and one for each",
         "",
-        f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
+        f"Made in the checkout by `{command}`: `{CONFIG}`,",
         f"{TIMESTEPS:,} timesteps of each game. A number is the mean over the seeds of the interquartile mean of",
         f"{EPISODES} returns; beside it is its share of that of a policy for each game, with the 95 % interval of a",
         "bootstrap over the seeds in pairs. One seed has no interval and proves nothing; few seeds make it narrower",

@@ -8,7 +8,7 @@ python -m tools.worlds cameras FOLDER    writes results/cameras, from runs of
         --set options.camera=edge,axis,drag --seeds 3 --output FOLDER/rays total_timesteps=3000000 stratify_by=null
     and of the same with --output FOLDER/birds and
         options.nearest_birds=shown options.hints=on options.locomotion=axes
-    and of bucket-11 alone with these options, --seeds 2, --output FOLDER/longer and total_timesteps=6000000
+    and of the same with --output FOLDER/longer and total_timesteps=12000000
 
 Without FOLDER, or what it lacks, the page is written again from the metrics in its own folder.
 """
@@ -47,7 +47,7 @@ EPISODES = 210  # of the scripted player
 CAMERAS = {  # comparisons of the page about cameras
     "birds": "Who sees where the nearest birds on the screen are, how they fly, and how many are beside it (the "
     "options `nearest_birds` and `hints`), and moves the crosshair along x and y",
-    "longer": "The same, two seeds",
+    "longer": "The same",
     "rays": "Who sees rays, as in the paper's game, and moves the crosshair by an angle and a speed",
 }
 

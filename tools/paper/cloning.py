@@ -7,6 +7,7 @@ Finished runs are skipped and interrupted runs are resumed, so the command may b
 """
 
 import argparse
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -34,7 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     demos = options.folder / "demos"
     with simulator_process() as address:
         if not demos.exists():
-            score(options.teacher, address, episodes=DEMONSTRATED, demos=demos)
+            recording = options.folder / "recording"
+            shutil.rmtree(recording, ignore_errors=True)  # of a command that was interrupted
+            score(options.teacher, address, episodes=DEMONSTRATED, demos=recording)
+            recording.rename(demos)
         print(f"teacher: {score(options.teacher, address):.1f}", flush=True)
         print("| layout | clone | clone, then PPO | PPO alone |", flush=True)
         for layout in options.layouts:

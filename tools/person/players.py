@@ -127,7 +127,7 @@ class Shooter:
 
 
 class Keeper:
-    """Plays xboing with the mouse: it brings the paddle to where the ball will come down, and presses all the time."""
+    """Plays xboing with the mouse: it brings the paddle to where the ball will come down, and presses now and then."""
 
     WIDTH = 565
     LEFT, RIGHT, PADDLE = 46, 520, 607  # pixels: where the ball turns, and where it meets the paddle

@@ -53,8 +53,8 @@ class PolicyConfig(Checked):
         0,
         ge=0,
         le=1000,
-        description="pixels by which images are moved at most when it learns, at random and up to so many in each "
-        "direction, so that it does not learn them by heart",
+        description="pixels by which images are moved at most when it learns from a rollout, at random and up to so "
+        "many in each direction, so that it does not learn them by heart; not those of demonstrations",
     )
     remember_acts: int = Field(
         0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
