@@ -228,6 +228,11 @@ def test_the_page_plays_the_policy_in_a_browser(built, policy, tmp_path):
             tab.value("document.querySelector('#speed').value = '20'")
             tab.wait("document.querySelector('#nights').textContent === '1'")
             assert float(tab.text("#mean")) > 0
+        document = Path(policy).read_text()
+        sensor = json.loads(document)["sensors"][0]["name"]
+        (tmp_path / "blind.json").write_text(document.replace(f'"{sensor}"', '"unseen"'))  # the first decision fails
+        tab.choose("#file", str(tmp_path / "blind.json"))
+        tab.wait("!document.querySelector('#prompt').hidden && document.querySelector('#pause').disabled")
         assert tab.errors == []
 
 
