@@ -18,16 +18,14 @@ from joybridge.policy.config_fit import check_fit
 from joybridge.policy.encoder import push_frames
 from joybridge.ppo.convolutions import GAIN, WHITE, DifferenceConvolution, ImageEncoder
 from joybridge.ppo.fast.gradient import ClosedFormGradient
-from joybridge.ppo.history import History, Window, shifted
+from joybridge.ppo.history import History
 from joybridge.ppo.images import MIN_PIXELS, Image, encoder_kind, find_images
 from joybridge.ppo.loss import Batch
 from joybridge.ppo.networks import Network, Towers
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
-from joybridge.ppo.update import Learner, ppo_update
-from joybridge.run.checkpoint import load_checkpoint
-from joybridge.run.train import train
+from joybridge.ppo.update import Learner
 from joybridge.simulator import image, sensor
 from joybridge.simulator.catalog import load_games
 from tests.support.games import PLACES
@@ -227,59 +225,6 @@ def test_stacks_that_are_gathered_equal_stacks_that_are_copied(waits):
     fresh = History(STEPS, LANES, PICTURE, STACK)
     fresh.load(history.window(0).gather())
     np.testing.assert_array_equal(fresh.window(0).gather(), expected)
-
-
-def test_pictures_that_are_shifted_equal_pictures_whose_pixels_are_looked_up():
-    pictures, shifts = bytes_of((5, 2, 4, 3, 2)), np.array([[0, 0], [2, -1], [-3, 1], [3, 3], [-9, 0]])
-    moved = shifted(pictures, shifts)
-    for row, (down, right) in enumerate(shifts):
-        for y, x in np.ndindex(4, 3):
-            source = min(max(y - down, 0), 3), min(max(x - right, 0), 2)
-            np.testing.assert_array_equal(moved[row, :, y, x], pictures[row, :, source[0], source[1]])
-    window = Window(np.moveaxis(pictures, 0, 1), np.tile([0, 1], (5, 1)), np.arange(5)).shift(
-        2, np.random.default_rng(0)
-    )
-    assert window.shifts is not None and {*window.shifts.ravel()} <= {-2, -1, 0, 1, 2} and window.shifts.any()
-    np.testing.assert_array_equal(window.gather(), shifted(pictures, window.shifts))
-    np.testing.assert_array_equal(window.rows(np.array([3, 1])).gather(), window.gather()[[3, 1]])
-
-
-def test_an_update_learns_from_shifted_pictures_as_if_they_had_been_acted_on():
-    network = Network(
-        0, ActionSpace(1, (3,)), Towers([8], True, "elu"), 1, [ImageEncoder("simple", [Image(6, 6, 1)], 0, 1, "elu")]
-    )
-    learner = Learner("player", network, branches=["b"], gaussians=["x"], autograd=False)
-    normal = partial(torch.randn, generator=torch.Generator().manual_seed(0))
-    window = Window(bytes_of((8, 4, 6, 6, 1)), np.arange(8)[:, None], np.arange(8) % 4)
-    seen = Observations(normal((8, 0)), (window,))
-    batch = Batch(seen, normal((8, 1)), torch.ones(8, 1, dtype=torch.long), None, *[normal(8) for _ in range(4)])
-    settings = PolicyConfig(image_shift=2, epochs=1, minibatch_size=8)
-    found = ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.01), settings, np.random.default_rng(0))
-    assert found["approx_kl"] == pytest.approx(0, abs=1e-6)  # of the only minibatch, before the weights move
-    (moved,) = batch.observations.images
-    assert isinstance(moved, Window) and (moved.gather() != window.gather()).any()
-
-
-def test_a_run_with_shifted_images_resumes_to_the_same_bits(simulator, tmp_path):
-    policy = PolicyConfig(image_shift=2, frame_stack=2, rollout_steps=8, minibatch_size=16, hidden_sizes=[8])
-    game = {"game": "shooting_birds", "layout": "bucket-5", "options": {"observation": "fovea", "fovea_size": 24}}
-    config = Config(**game, arenas=4, total_timesteps=192, log_interval=64, policy=policy)
-    once, twice = tmp_path / "once", tmp_path / "twice"
-    train(config, once, [simulator], resume=False)
-    train(config.model_copy(update={"stop_at": 64}), twice, [simulator], resume=False)
-    train(config, twice, [simulator], resume=True)
-    wanted, got = load_checkpoint(once)[0], load_checkpoint(twice)[0]
-    assert wanted.keys() == got.keys()
-    for name, array in wanted.items():
-        np.testing.assert_array_equal(array, got[name], err_msg=name)
-
-
-def test_shifting_needs_images():
-    spec = load_games(PLACES)["hybrid"].describe({"size": "large", "masks": "off"})
-    config = Config(game="hybrid", policy=PolicyConfig(image_shift=2, image_encoder="none"))
-    for check in (check_fit, make_actors):
-        with pytest.raises(ConfigError, match="player: image_shift: there are no images; leave it out"):
-            check(config, spec)
 
 
 def test_a_rollout_of_pictures_takes_little_more_memory_than_its_bytes():

@@ -49,13 +49,6 @@ class PolicyConfig(Checked):
         description="its convolutions learn from what changes between the frames of images, beside the newest "
         "frame: where small things move in front of a background that stands still",
     )
-    image_shift: int = Field(
-        0,
-        ge=0,
-        le=1000,
-        description="pixels by which images are moved at most when it learns from a rollout, at random and up to so "
-        "many in each direction, so that it does not learn them by heart; not those of demonstrations",
-    )
     remember_acts: int = Field(
         0, ge=0, le=1000, description="last actions and rewards that it sees beside the sensors, oldest first"
     )

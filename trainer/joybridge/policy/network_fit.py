@@ -16,8 +16,6 @@ def check_network(role: Role, device: pb.Device, config: PolicyConfig, images: C
     check_maps(role.name, [form for _, form in space.maps], images)
     if config.frame_differences:
         check_differences(role.name, config.network, config.frame_stack, images)
-    if config.image_shift and not images:
-        raise ConfigError(f"{role.name}: image_shift: there are no images; leave it out")
     if config.network and space.maps:
         raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
     if config.network and config.remember_acts:

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from joybridge.contract.tensors import Array
 from joybridge.ppo.images import Image
@@ -17,33 +16,14 @@ class Window(NamedTuple):
     pictures: Array  # uint8 [rows of the history, lanes, height, width, channels]
     sources: Array  # [n, frame_stack]: the rows of the pictures of each stack, oldest first
     lanes: Array  # [n]
-    shifts: Array | None = None  # [n, 2]: pixels by which a stack is moved down and right; None: as they are
 
     def gather(self) -> Array:
         """Return the stacks, uint8 [n, frame_stack, height, width, channels]."""
-        stacks = self.pictures[self.sources, self.lanes[:, None]]
-        return stacks if self.shifts is None else shifted(stacks, self.shifts)
+        return self.pictures[self.sources, self.lanes[:, None]]
 
     def rows(self, index: Array) -> "Window":
         """Return some of the stacks."""
-        shifts = None if self.shifts is None else self.shifts[index]
-        return Window(self.pictures, self.sources[index], self.lanes[index], shifts)
-
-    def shift(self, pixels: int, rng: np.random.Generator) -> "Window":
-        """Return the same stacks, each moved at random, by up to so many pixels in each direction."""
-        return self._replace(shifts=rng.integers(-pixels, pixels + 1, (len(self.lanes), 2)))
-
-
-def shifted(stacks: Array, shifts: Array) -> Array:
-    """Return stacks of pictures, [n, frame_stack, height, width, channels], each moved down and right.
-
-    shifts: pixels, [n, 2]. What moves in is the border, again and again.
-    """
-    most = int(abs(shifts).max(initial=0))
-    around = np.pad(stacks, ((0, 0), (0, 0), (most, most), (most, most), (0, 0)), mode="edge")
-    places = sliding_window_view(around, stacks.shape[2:4], axis=(2, 3))  # [n, frame_stack, down, right, channels, …]
-    down, right = (most - shifts).T
-    return np.moveaxis(places[np.arange(len(stacks)), :, down, right], 2, -1)
+        return Window(self.pictures, self.sources[index], self.lanes[index])
 
 
 class History:

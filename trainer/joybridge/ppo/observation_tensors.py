@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Self
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -23,12 +22,6 @@ class Observations:
     def in_sequences(self, states: Tensor, lengths: Tensor) -> Self:
         """Return the same rows as sequences with these lengths, and what is remembered before each."""
         return replace(self, recall=Recall(states, lengths))
-
-    def shift(self, pixels: int, rng: np.random.Generator) -> Self:
-        """Return the same, each stack of pictures moved at random, as data augmentation (Laskin et al., 2020)."""
-        images = tuple(image.shift(pixels, rng) for image in self.images if isinstance(image, Window))
-        assert len(images) == len(self.images), "only windows are shifted, as in every rollout"
-        return replace(self, images=images)
 
     def index_select(self, dimension: int, index: Tensor) -> Self:
         """Return the timesteps at `index`, with all images gathered. dimension: 0."""

@@ -132,16 +132,13 @@ def ppo_update(
 
     Each epoch shuffles the batch with `rng` and takes as many whole minibatches as there are; the rest is left out. A
     batch smaller than a minibatch is one. With memory, a minibatch is whole sequences that hold about `minibatch_size`
-    timesteps. Images that are shifted are so for the whole update. cloning: for each minibatch, the gradient of one of
-    demonstrations is added; if it is alone, `target_kl` does not count. Raises DivergedError.
+    timesteps. cloning: for each minibatch, the gradient of one of demonstrations is added; if it is alone, `target_kl`
+    does not count. Raises DivergedError.
     """
     max_grad_norm, target_kl = config.max_grad_norm, config.target_kl
     accelerator = batch.returns.device
     size = min(max(1, config.minibatch_size * batch.units // len(batch)), batch.units)  # in units
-    if config.image_shift:
-        batch.observations = batch.observations.shift(config.image_shift, rng)
-    # When actions were sampled, it was not known yet which of their parts count, and images were not shifted.
-    if batch.counts is not None or config.image_shift:
+    if batch.counts is not None:  # when actions were sampled, it was not known yet which of their parts count
         batch.log_probs = acted_log_probs(learner.network, batch, size)
     rows: list[Array] = []
     losses: list[float] = []  # of cloning
