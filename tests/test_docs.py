@@ -113,9 +113,8 @@ def test_every_module_that_is_run_exists(path):
 
 @pytest.mark.parametrize("path", DOCUMENTS)
 def test_every_configuration_that_is_trained_exists(path):
-    """Except the reader's own, in the folder of a run."""
     named = [word for words in commands(path) if words[0] == "train" for word in words[1:2] if "/" in word]
-    named = [name for name in named if not name.startswith("runs/")]
+    named = [name for name in named if not name.startswith("runs/")]  # a run has a configuration of its own
     assert [name for name in named if not (ROOT / "configs" / f"{name}.yaml").exists()] == []
 
 

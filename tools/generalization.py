@@ -13,7 +13,7 @@ import csv
 import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
@@ -51,10 +51,6 @@ class Training(NamedTuple):
     name: str  # of its runs, before the seed
     settings: Sequence[str]  # the configuration, and what is changed in it
     episodes: int = EPISODES  # of an evaluation
-
-    def changed(self, change: str, settings: Sequence[str]) -> "Training":
-        """Return the same with a change."""
-        return Training(f"{self.name}-{change.replace(' ', '-')}", [*self.settings, *settings], self.episodes)
 
 
 def joybridge(*arguments: str) -> str:
@@ -143,12 +139,6 @@ class Study:
             writer.writerows(self.known[key] for key in sorted(self.known))
 
 
-def changes(study: Study, training: Training, found: Mapping[str, Sequence[str]]) -> list[list[str]]:
-    """Return the rows of a table about some changes of what is trained on a few levels."""
-    shares = {change: study.shares(training.changed(change, settings), CHANGED) for change, settings in found.items()}
-    return [["none", *study.shares(training, CHANGED)], *([change, *cells] for change, cells in shares.items())]
-
-
 def page(study: Study) -> str:
     """Return the page, after training and playing what is missing."""
     rows = []
@@ -156,6 +146,11 @@ def page(study: Study) -> str:
         rewards = study.rewards(by_numbers(count), "paper")
         rows.append([f"{count:,}", *study.shares(by_numbers(count), count), cell(rewards, 0)])
     specialists = cell(study.rewards(Training("paper", [CONFIG, f"total_timesteps={SHORT}"]), "paper"), 0)
+    same = by_numbers(CHANGED)
+    changed = [["none", *study.shares(same, CHANGED)]]
+    for change, settings in CHANGES.items():
+        training = Training(f"{same.name}-{change.replace(' ', '-')}", [*same.settings, *settings])
+        changed.append([change, *study.shares(training, CHANGED)])
     settings = [CONFIG, f"total_timesteps={LONG}", *BIRDS]
     known = study.rewards(Training("birds-paper", settings), "paper")
     settings += generated(UNLIMITED)
@@ -181,7 +176,7 @@ def page(study: Study) -> str:
         "what those earn that were trained on the paper's seven levels.\n\n"
         + table(["levels trained on", "reward on the paper's seven", "share"], seeing)
         + f"\n\n## Changes, on {CHANGED} levels\n\n"
-        + table(["change", *head], changes(study, by_numbers(CHANGED), CHANGES))
+        + table(["change", *head], changed)
         + "\n\n## From the screen\n\n"
         f"Policies of `{SCREEN}`, which see two pictures and no number, after {SEEN:,} timesteps.\n"
         f"{SCREEN_EPISODES} episodes of each set.\n\n"

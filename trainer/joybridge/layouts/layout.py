@@ -37,6 +37,14 @@ class ActionSpace:
         """Return the number of choices of the largest branch, 0 without branches."""
         return max(self.branches, default=0)
 
+    def with_deviation(self, names: Sequence[str]) -> dict[str, str]:
+        """Return the distributions of the continuous actions that have a deviation, by what these act on.
+
+        names: what all continuous actions act on.
+        """
+        kinds = [kind.partition("-")[0] for kind in self.distributions or (GAUSSIAN,) * self.continuous]
+        return {name: kind for name, kind in zip(names, kinds, strict=True) if kind in (GAUSSIAN, SQUASHED, GSDE)}
+
 
 @dataclass(frozen=True)
 class Layout:

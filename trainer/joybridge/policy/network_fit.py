@@ -1,11 +1,10 @@
 """Whether the settings of a network fit its layout and what it sees, found without torch."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
-from joybridge.layouts import ActionSpace, Role
-from joybridge.layouts.layout import GAUSSIAN, GSDE, SQUASHED
+from joybridge.layouts import Role
 from joybridge.ppo.images import Image, check_differences, check_maps
 from joybridge.v1 import bridge_pb2 as pb
 
@@ -21,14 +20,7 @@ def check_network(role: Role, device: pb.Device, config: PolicyConfig, images: C
     if config.network and config.remember_acts:
         raise ConfigError(f"network: {config.network} sees sensors alone; set remember_acts to 0")
     if isinstance(config.log_std_init, Mapping):
-        known = with_deviation(space, role.layout.names(device)[1])
+        known = space.with_deviation(role.layout.names(device)[1])
         if unknown := [name for name in config.log_std_init if name not in known]:
             there = ", ".join(known) or "none"
             raise ConfigError(f"log_std_init: {unknown[0]!r} has no Gaussian; there are {there}")
-
-
-def with_deviation(space: ActionSpace, names: Sequence[str]) -> list[str]:
-    """Return which of the continuous actions of a layout, by their names, have a deviation that is learned."""
-    kinds = space.distributions or [GAUSSIAN] * len(names)
-    named = zip(names, kinds, strict=True)
-    return [name for name, kind in named if kind.partition("-")[0] in (GAUSSIAN, SQUASHED, GSDE)]

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import nn
 
-from joybridge.layouts.layout import GAUSSIAN, GSDE, SQUASHED
+from joybridge.layouts.layout import GSDE
 from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.networks import Network
 
@@ -38,16 +38,10 @@ def set_log_std(network: Network, log_std: float | Mapping[str, float], names: S
     With `gsde-N`, these are the deviations of the coefficients. names: what the continuous actions act on; `log_std`
     names those of them that have a Gaussian.
     """
-    kinds = network.space.distributions or [GAUSSIAN] * len(names)
+    kinds = network.space.with_deviation(names)
     counts = [each.parameters for each in network.distributions] or [1] * len(names)
-    parts = torch.split(network.log_variance, counts)
-    scales = {GAUSSIAN: 2.0, SQUASHED: 2.0, GSDE: 1.0}  # of the first two, parameters are log-variances
-    known = {
-        name: (part, scales[place])
-        for name, kind, part in zip(names, kinds, parts, strict=True)
-        if (place := kind.partition("-")[0]) in scales
-    }
-    given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(known, log_std)
+    parts = dict(zip(names, torch.split(network.log_variance, counts), strict=True))
+    given = log_std if isinstance(log_std, Mapping) else dict.fromkeys(kinds, log_std)
     for name, value in given.items():
-        part, scale = known[name]
-        part.fill_(scale * value)
+        scale = 1.0 if kinds[name] == GSDE else 2.0  # parameters of the others are log-variances
+        parts[name].fill_(scale * value)
