@@ -1,6 +1,7 @@
 """Environments of Gymnasium and PettingZoo as games."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -289,6 +290,16 @@ def test_turns_of_pettingzoo_are_waiting_and_deciding_lanes():
     step = game.step(turn(2, 2))[0]
     assert step.terminated.tolist() == [True, True]
     assert step.rewards[:, 0].tolist() == [1.0, -1.0]
+
+
+def test_environments_that_share_a_display_are_used_one_at_a_time():
+    def played(seed):
+        game = play(f"gym:{HERE}:Painted-v0", seed=seed)
+        return [game.step(turn(0))[0].observations[0][0, 0] for _ in range(100)]
+
+    with ThreadPoolExecutor(2) as sessions:
+        for clocks in sessions.map(played, (1, 2)):
+            assert np.diff(clocks).tolist() == [1.0] * 99
 
 
 @pytest.mark.slow

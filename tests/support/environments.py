@@ -1,6 +1,7 @@
 """Tiny environments of Gymnasium whose numbers a test can predict; their IDs are registered on import."""
 
 import subprocess
+import time
 from pathlib import Path
 
 import gymnasium
@@ -124,6 +125,31 @@ class Windy(gymnasium.Env):  # type: ignore[misc]
         return np.array([self.wind], np.float32), self.wind, True, False, {}
 
 
+class Painted(gymnasium.Env):  # type: ignore[misc]
+    """Draws its clock on a display that all environments of the process share, as those of pygame do, and reads it.
+
+    The clock begins at a multiple of 1000.
+    """
+
+    observation_space = spaces.Box(0.0, 1e6, (1,))
+    action_space = spaces.Discrete(2)
+    display = np.zeros(1, np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.clock = 1000 * int(self.np_random.integers(900))
+        return self.draw(), {}
+
+    def step(self, action):
+        self.clock += 1
+        return self.draw(), 0.0, False, False, {}
+
+    def draw(self):
+        self.display[:] = self.clock
+        time.sleep(1e-4)  # while another thread goes on
+        return self.display.copy()
+
+
 class Holding(gymnasium.Env):  # type: ignore[misc]
     """An environment that holds a process, as those of game engines and emulators do, until it is closed.
 
@@ -152,5 +178,5 @@ class Holding(gymnasium.Env):  # type: ignore[misc]
         self.process.wait()
 
 
-for environment in (Mixed, Masked, Spaces, Windy, Holding):
+for environment in (Mixed, Masked, Spaces, Windy, Painted, Holding):
     gymnasium.register(f"{environment.__name__}-v0", environment)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pettingzoo import AECEnv
 
-from joybridge.adapters.environment_game import EnvironmentGame
+from joybridge.adapters.environment_game import ALONE, EnvironmentGame
 from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
@@ -94,7 +94,8 @@ class PettingZooGame(EnvironmentGame):
         self.seen: dict[str, Mapping[str, Any]] = {
             agent: {one.name: np.zeros(one.shape) for one in spaces.sensors} for agent, spaces in self.spaces.items()
         }
-        return self._begin(int(self.rng.integers(SEEDS)))
+        with ALONE:
+            return self._begin(int(self.rng.integers(SEEDS)))
 
     def _begin(self, seed: int) -> list[TimeStep]:
         raise NotImplementedError
@@ -144,8 +145,9 @@ class ParallelGame(PettingZooGame):
     def step(self, action: Any) -> list[TimeStep]:
         """Advance the environment by the actions of the agents that are there."""
         actions = self._by_agent(action)
-        chosen = {agent: self.spaces[agent].act(actions[agent]) for agent in self.env.agents}
-        observations, rewards, terminations, truncations, infos = self.env.step(chosen)
+        with ALONE:
+            chosen = {agent: self.spaces[agent].act(actions[agent]) for agent in self.env.agents}
+            observations, rewards, terminations, truncations, infos = self.env.step(chosen)
         return self._timesteps(observations, rewards, infos, terminations, truncations, self.env.agents)
 
 
@@ -158,9 +160,10 @@ class TurnsGame(PettingZooGame):
 
     def step(self, action: Any) -> list[TimeStep]:
         """Advance the environment by the action of the agent whose turn it is."""
-        agent = self.env.agent_selection
-        self.env.step(self.spaces[agent].act(self._by_agent(action)[agent]))
-        return self._look(self.env.rewards)
+        with ALONE:
+            agent = self.env.agent_selection
+            self.env.step(self.spaces[agent].act(self._by_agent(action)[agent]))
+            return self._look(self.env.rewards)
 
     def _look(self, rewards: Mapping[str, float]) -> list[TimeStep]:
         """Return what all agents see, then remove those that have ended, as PettingZoo wants, until one can act."""

@@ -18,7 +18,8 @@
             reward = float(action["press"] == self.light)
             return termination({"light": [self.light]}, {"reward": reward})
 
-`game_adapter.py` turns a Game into a BatchedGame, which is what the server runs.
+`game_adapter.py` turns a Game into a BatchedGame, which is what the server runs. Each session plays in a thread of its
+own, so a game keeps its state in itself: a variable of its module, or the display of pygame, is there once for all.
 """
 
 from abc import ABC, abstractmethod
