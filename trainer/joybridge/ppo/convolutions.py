@@ -95,8 +95,9 @@ class Convolutions(nn.Module):
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
         n, frames, height, width, channels = stacks.shape
-        # Bytes become numbers in one pass, in the order of memory in which convolutions are fastest: channels last.
-        pixels = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels).div(self.white)
+        # In the order of memory in which convolutions are fastest, channels last. In place, which costs half as much.
+        bytes_ = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels)
+        pixels = bytes_.float().div_(self.white)
         maps = self.see(pixels)
         return self.dense(maps[-1].flatten(1)), maps
 

@@ -27,6 +27,8 @@ from joybridge.run.run_state import RunState, load_state
 from joybridge.run.saving import Saver
 from joybridge.run.training import Audience, open_training
 
+KEPT = 2**29  # bytes of the largest array that is kept: a minibatch of pictures, as numbers, has hundreds of millions
+
 
 def train(
     config: Config,
@@ -48,7 +50,7 @@ def train(
     between two rollouts is saved on any exception.
     """
     use_one_thread()
-    keep_memory()
+    keep_memory(KEPT)
     check_run(config, run, resume=resume)
     state = load_state(run) if has_checkpoint(run) else RunState()
     saver = Saver(run, config, state)
