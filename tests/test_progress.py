@@ -26,3 +26,11 @@ def test_a_game_too_slow_for_rows_gets_a_line_by_time_where_output_is_no_termina
         assert lines == []
     assert row.startswith("        800  reward 1.5  length 7  hits 3  ") and "seconds" not in row
     assert "min left" not in first and row.endswith("learn 25 %); about 1 min left")  # it had compiled something
+
+
+@pytest.mark.parametrize(
+    ("reward", "text"), [(0.0, "0.0"), (0.0312, "0.031"), (-0.004, "-0.004"), (0.25, "0.2"), (137.62, "137.6")]
+)
+def test_a_small_reward_does_not_read_as_nothing(reward, text):
+    row = ROW | {"reward": reward, "held_out_reward": reward}
+    assert progress.row_text(row).startswith(f"reward {text}  length 7  held out {text}  ")

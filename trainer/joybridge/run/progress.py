@@ -48,7 +48,7 @@ class Display:
             left = minutes_left((self.end - timesteps) / rate) if rate > 0 else ""
             self.rows += 1
             if "reward" in row:
-                self.reward = f"reward {row['reward']:.1f}"
+                self.reward = f"reward {reward_text(row['reward'])}"
             self.say(f"{timesteps:>11,}  {row_text(row)}  {speed}  ({shares}){left}")
         elif self.plain and time.monotonic() - self.printed > SILENCE_SECONDS:
             self.say(f"{timesteps:>11,}  {speed}  ({shares})")
@@ -69,7 +69,9 @@ class Display:
 
 def row_text(row: Row) -> str:
     """Return what a row of metrics of a policy says: how it plays, and whether it learns."""
-    parts = [f"reward {row['reward']:.1f}  length {row['length']:.0f}" if "reward" in row else "no episode ended"]
+    parts = ["no episode ended"]
+    if "reward" in row:
+        parts = [f"reward {reward_text(row['reward'])}  length {row['length']:.0f}"]
     if "interrupted" in row:
         parts.append(f"{row['interrupted']:.0f} episodes cut by errors of the game")
     if "ahead" in row:  # of opponents: in play against itself, a reward says little
@@ -83,7 +85,12 @@ def row_text(row: Row) -> str:
 
 def held_out_text(row: Row) -> str:
     """Return what a row says of held-out settings; "" if they were not played."""
-    return f"held out {row[f'{HELD_OUT}reward']:.1f}" if f"{HELD_OUT}reward" in row else ""
+    return f"held out {reward_text(row[f'{HELD_OUT}reward'])}" if f"{HELD_OUT}reward" in row else ""
+
+
+def reward_text(reward: float) -> str:
+    """Return a reward with one decimal, or with two digits where that would be nearly nothing, such as 0.031."""
+    return f"{reward:.1f}" if abs(reward) >= 0.1 or reward == 0.0 else f"{reward:.2g}"
 
 
 def _speed(timesteps: float) -> str:
