@@ -11,6 +11,7 @@ import pygame
 import pytest
 from gymnasium import spaces
 
+from joybridge.adapters.display import Display
 from joybridge.adapters.spaces import AgentSpaces
 from joybridge.cli import main
 from joybridge.contract.codec import ActArrays
@@ -292,14 +293,27 @@ def test_turns_of_pettingzoo_are_waiting_and_deciding_lanes():
     assert step.rewards[:, 0].tolist() == [1.0, -1.0]
 
 
-def test_environments_that_share_a_display_are_used_one_at_a_time():
-    def played(seed):
-        game = play(f"gym:{HERE}:Painted-v0", seed=seed)
-        return [game.step(turn(0))[0].observations[0][0, 0] for _ in range(100)]
+def test_environments_find_the_display_that_they_share_as_they_left_it():
+    games = {size: load_game(f"gym:{HERE}:Painted-v0 size={size}") for size in (4, 6)}
+
+    def played(size):
+        game = games[size]({}, {}, 2, 0, size)
+        clocks = [game.step(turn(0, 1))[0].observations[0][:, 0] for _ in range(50)]
+        for arena, clock in enumerate(clocks[-1]):
+            color = [*int(clock).to_bytes(3, "big")]
+            assert game.draw(arena).tolist() == [[color] * size] * size
+        return clocks
 
     with ThreadPoolExecutor(2) as sessions:
-        for clocks in sessions.map(played, (1, 2)):
-            assert np.diff(clocks).tolist() == [1.0] * 99
+        for clocks in sessions.map(played, games):
+            assert (np.diff(clocks, axis=0) == 1.0).all()
+
+
+def test_an_environment_that_hangs_stops_no_other_that_draws_nothing(monkeypatch):
+    monkeypatch.setattr("joybridge.adapters.display._surface", lambda: None)
+    hung, other = Display(), Display()
+    with hung.own(), other.own():
+        pass
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import gymnasium
 import numpy as np
+import pygame
 from gymnasium import spaces
 
 
@@ -126,28 +127,36 @@ class Windy(gymnasium.Env):  # type: ignore[misc]
 
 
 class Painted(gymnasium.Env):  # type: ignore[misc]
-    """Draws its clock on a display that all environments of the process share, as those of pygame do, and reads it.
+    """Paints its clock on the display of pygame, of which the process has one, and sees what is on it.
 
-    The clock begins at a multiple of 1000.
+    The clock begins at a multiple of 1000. `render` does not paint again.
     """
 
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012
     observation_space = spaces.Box(0.0, 1e6, (1,))
     action_space = spaces.Discrete(2)
-    display = np.zeros(1, np.float32)
+
+    def __init__(self, render_mode=None, size=4):
+        self.render_mode, self.size = render_mode, size
+        self.display = pygame.display.set_mode((size, size))
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.clock = 1000 * int(self.np_random.integers(900))
-        return self.draw(), {}
+        return self.paint(), {}
 
     def step(self, action):
         self.clock += 1
-        return self.draw(), 0.0, False, False, {}
+        return self.paint(), 0.0, False, False, {}
 
-    def draw(self):
-        self.display[:] = self.clock
+    def paint(self):
+        assert self.display.get_size() == (self.size, self.size)
+        self.display.fill(self.clock)
         time.sleep(1e-4)  # while another thread goes on
-        return self.display.copy()
+        return np.array([pygame.surfarray.array2d(self.display)[-1, -1]], np.float32)
+
+    def render(self):
+        return pygame.surfarray.array3d(pygame.display.get_surface())
 
 
 class Holding(gymnasium.Env):  # type: ignore[misc]

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from joybridge.adapters.environment_game import ALONE, EnvironmentGame
+from joybridge.adapters.environment_game import EnvironmentGame
 from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
@@ -80,17 +80,16 @@ class GymnasiumGame(EnvironmentGame):
     def reset(self) -> TimeStep:
         """Begin an episode with the next seed of the arena's stream."""
         seed = int(self.rng.integers(SEEDS))
-        with ALONE:
+        with self.display.own():
             observation, info = self.env.reset(seed=seed, **_options(self.parameter))
-        return transition(
-            self.spaces.observe(observation), masks=self.spaces.masks(observation, info, self.action_masks())
-        )
+            seen, masks = self.spaces.observe(observation), self.spaces.masks(observation, info, self.action_masks())
+        return transition(seen, masks=masks)
 
     def step(self, action: Any) -> TimeStep:
         """Advance the environment. Where it is terminated and truncated at once, the episode is terminated."""
-        with ALONE:
+        with self.display.own():
             observation, reward, terminated, truncated, info = self.env.step(self.spaces.act(action))
-        seen, rewards = self.spaces.observe(observation), {"reward": _reward(reward)}
+            seen, rewards = self.spaces.observe(observation), {"reward": _reward(reward)}
         if terminated or truncated:
             ended = termination if terminated else truncation
             return ended(seen, rewards, {name: _number(info.get(name)) or 0.0 for name in self.metrics})

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from pettingzoo import AECEnv
 
-from joybridge.adapters.environment_game import ALONE, EnvironmentGame
+from joybridge.adapters.environment_game import EnvironmentGame
 from joybridge.adapters.rendering import choose_rendering, making, tick_seconds
 from joybridge.adapters.settings import MAX_ARENAS, SEEDS, AdapterError, read_settings
 from joybridge.adapters.spaces import AgentSpaces
@@ -94,7 +94,7 @@ class PettingZooGame(EnvironmentGame):
         self.seen: dict[str, Mapping[str, Any]] = {
             agent: {one.name: np.zeros(one.shape) for one in spaces.sensors} for agent, spaces in self.spaces.items()
         }
-        with ALONE:
+        with self.display.own():
             return self._begin(int(self.rng.integers(SEEDS)))
 
     def _begin(self, seed: int) -> list[TimeStep]:
@@ -145,10 +145,10 @@ class ParallelGame(PettingZooGame):
     def step(self, action: Any) -> list[TimeStep]:
         """Advance the environment by the actions of the agents that are there."""
         actions = self._by_agent(action)
-        with ALONE:
+        with self.display.own():
             chosen = {agent: self.spaces[agent].act(actions[agent]) for agent in self.env.agents}
             observations, rewards, terminations, truncations, infos = self.env.step(chosen)
-        return self._timesteps(observations, rewards, infos, terminations, truncations, self.env.agents)
+            return self._timesteps(observations, rewards, infos, terminations, truncations, self.env.agents)
 
 
 class TurnsGame(PettingZooGame):
@@ -160,7 +160,7 @@ class TurnsGame(PettingZooGame):
 
     def step(self, action: Any) -> list[TimeStep]:
         """Advance the environment by the action of the agent whose turn it is."""
-        with ALONE:
+        with self.display.own():
             agent = self.env.agent_selection
             self.env.step(self.spaces[agent].act(self._by_agent(action)[agent]))
             return self._look(self.env.rewards)

@@ -49,10 +49,10 @@ def draw(env: Any) -> Array:
     """
     bare = env.unwrapped
     if getattr(bare, "render_mode", "rgb_array") == "rgb_array":
-        return np.asarray(env.render())
+        return np.array(env.render())
     mode, bare.render_mode = bare.render_mode, "rgb_array"
     try:
-        return np.asarray(env.render())
+        return np.array(env.render())
     finally:
         bare.render_mode = mode
 
