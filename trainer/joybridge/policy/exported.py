@@ -78,6 +78,12 @@ class Model:
         self.kept = {name: np.zeros((lanes, *self.inputs.get(name, [0])), np.float32) for name in ("state", "memory")}
         self.begins = np.ones(lanes, bool)
 
+    def begin(self) -> None:
+        """Begin new episodes."""
+        self.begins[:] = True
+        for values in self.kept.values():
+            values[:] = 0.0
+
     def act(self, step: StepArrays, normal: Array, uniform: Array, held: Array | None = None) -> ActArrays:
         """Return the actions for a step; keep `state` of lanes that decide or begin, `memory` of those that decide.
 
@@ -161,7 +167,8 @@ class ExportedPlayer:
         self._where, self._model, self._kind = exported.where, model, behavior
 
     def begin(self, step: StepArrays) -> None:
-        """Take the first observations of a session."""
+        """Take the first observations of new episodes."""
+        self._model.begin()
         self._see_first(step, np.arange(len(step.rewards)))
 
     def act(self, step: StepArrays, act: ActArrays, held: Array) -> None:
