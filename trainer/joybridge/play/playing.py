@@ -115,13 +115,14 @@ class Play:
         return PolicyView(self.spec, encoders, [len(states) for states in self.remembered()])
 
     def remembered(self) -> list[Array]:
-        """Return what each policy with memory remembers in the first arena to act on, [agents, numbers]."""
+        """Return what each policy with memory remembers where it plays in the first arena, [agents, numbers]."""
         states = []
         for player in self.players:
             memory, state = player.actor.network.actor.memory, player.observations.memory
             if memory is not None and state is not None:
                 agents = self.spec.behaviors[player.actor.behavior].agents_per_arena
-                states.append(state[:agents, : memory.state_size])  # what follows is the critic's
+                mine = self.held[player.actor.behavior][:agents]
+                states.append(state[:agents][mine, : memory.state_size])  # what follows is the critic's
         return states
 
     def decisions(self, draw_every: int = 0, *, ticks: bool = False) -> Iterator[Played]:

@@ -49,9 +49,12 @@ def record(
         number = ended = 0
         with VideoFile(output, view.width, height, pace * ticks / every) as video:
             pictures = islice(_pictures(play, ticks, every, episodes), frames)
+            memories, shown = [play.remembered()] * 2, None  # before and after the decision that is shown
             for number, (decision, picture, last, ended) in enumerate(pictures, 1):
+                if decision is not shown:
+                    memories, shown = [memories[1], play.remembered()], decision
                 marked = mark_pointers(picture, play.spec, decision.acts)
-                seen = view.beside(marked, decision.after if last else decision.before, play.remembered())
+                seen = view.beside(marked, decision.after if last else decision.before, memories[last])
                 video.write(overlay.below(seen, decision.acts) if overlay else seen)
                 progress.report(f"{number} of {frames} frames" if frames else f"{ended} of {episodes} episodes")
         if seconds is not None and not ended:
