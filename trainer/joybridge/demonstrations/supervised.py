@@ -18,7 +18,7 @@ from joybridge.demonstrations.recorded import Demonstration
 from joybridge.demonstrations.returns import Demonstrated
 from joybridge.layouts.targets import covers
 from joybridge.policy.actor import Actor
-from joybridge.ppo.cloning import add_cloning_gradient, cloning_loss, minibatches, refresh
+from joybridge.ppo.cloning import ROWS, add_cloning_gradient, cloning_loss, minibatches, refresh
 from joybridge.ppo.fast.kernels import Noise
 from joybridge.ppo.moments import Moments
 from joybridge.ppo.sampling import sample_actions
@@ -27,7 +27,6 @@ from joybridge.v1 import bridge_pb2 as pb
 
 HELD_OUT = 10  # one episode in so many
 PATIENCE = 10  # passes without a smaller loss on held-out episodes, after which learning ends
-ROWS = 4096  # that are measured at once
 LEAST = 0.01  # share of decisions, or of a range, below which nothing is to be learned
 
 

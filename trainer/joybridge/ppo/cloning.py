@@ -13,7 +13,7 @@ from joybridge.ppo.networks import Network
 # The smallest log-variance of a Gaussian that cloning asks for: a deviation of 0.1, a sixtieth of the range of an axis.
 # What is always done alike would make it ever smaller.
 MIN_LOG_VARIANCE = float(np.log(0.1**2))
-
+ROWS = 4096  # that a network gets at once
 
 Some = TypeVar("Some", bound=Actions)
 
@@ -27,10 +27,13 @@ def refresh(network: Network, actions: Some) -> Some:
     states = torch.zeros_like(sequences.states)
     fresh = replace(actions, sequences=sequences._replace(states=states))
     for part in range(1, int(sequences.parts.max()) + 1):
-        units = torch.nonzero(sequences.parts == part)[:, 0]
-        memory = network.heads(fresh.minibatch(units - 1).observations).memory  # they are all of full length
-        assert memory is not None
-        states[units] = memory
+        continued = torch.nonzero(sequences.parts == part)[:, 0]
+        length = int(sequences.lengths[continued[0] - 1])  # of those before them, which are all of full length
+        size = max(1, ROWS // length)
+        for units in (continued[start : start + size] for start in range(0, len(continued), size)):
+            memory = network.heads(fresh.minibatch(units - 1).observations).memory
+            assert memory is not None
+            states[units] = memory
     return fresh
 
 
