@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from joybridge.client.client import Session, describe
 from joybridge.config.config import Config, OpponentsConfig
 from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
+from joybridge.gym import BridgeEnv
 from joybridge.layouts import make_acts
 from joybridge.policy.actor import trained_actors
 from joybridge.policy.document import FORMAT
@@ -74,6 +76,29 @@ def test_an_exported_policy_plays_in_its_seats_as_the_run_does(run, suffix, simu
                     table.seats.deal(result.arena, [[1, 0], [0, 1]][number % 2])
                 table.sit(steps)
     assert isinstance(tables[0].players[1][0], PolicyPlayer)
+
+
+def test_others_sample_after_a_reset_with_a_seed_as_in_a_new_environment(run, simulator):
+    def played(env, **seed):
+        observation, info = env.reset(**seed)
+        seen = [observation]
+        for _ in range(30):
+            observation, _, terminated, truncated, info = env.step([info["action_mask"].argmax()])
+            if terminated or truncated:
+                observation, info = env.reset()
+            seen.append(observation)
+        return np.array(seen)
+
+    def made(seed):
+        return closing(BridgeEnv("noughts", others=[str(run)], simulator=simulator, seed=seed))
+
+    with made(1) as env, made(5) as new:
+        first = played(env)
+        again = [played(env, seed=5) for _ in range(2)]
+        expected = played(new)
+    assert not np.array_equal(first, expected)
+    for seen in again:
+        np.testing.assert_array_equal(seen, expected)
 
 
 def test_an_exported_policy_is_an_opponent_and_the_checkpoint_keeps_it(run, simulator, tmp_path):

@@ -124,6 +124,8 @@ class Bridge:
             self._pictures = []
         self.fresh, self.playing, self._drawing = False, True, False
         if self._others:
+            if seed is not None:
+                self._others.reseed(seed)
             self._others.begin(self.session.steps)
         for player in self.players.values():
             player.begin(self.session.steps[player.index])

@@ -52,6 +52,10 @@ class Table:
         self._lanes = [lane_count(behavior, arenas) for behavior in spec.behaviors]
         self._key, self._decisions = [seed, SAMPLES + number], 0
 
+    def reseed(self, seed: int) -> None:
+        """Sample as a new table with this seed does."""
+        self._key[0], self._decisions = seed, 0
+
     def join(self, holder: int, parts: Sequence[Actor | Guest]) -> None:
         """Let actors or guests of all behaviors play where a holder has a seat.
 
