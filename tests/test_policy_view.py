@@ -1,6 +1,8 @@
 """What a policy sees is drawn beside the picture of its game: in videos, and on the page that watches a run."""
 
 from io import BytesIO
+from types import SimpleNamespace
+from typing import Any
 
 import av
 import numpy as np
@@ -13,6 +15,7 @@ from joybridge.config.config import Config
 from joybridge.config.policy_config import MemoryConfig, PolicyConfig
 from joybridge.contract.codec import StepArrays
 from joybridge.play.memory_strip import ABOVE, BELOW, DARK, GAP, ROW
+from joybridge.play.playing import Play
 from joybridge.play.policy_view import BACKGROUND, MARGIN, PolicyView
 from joybridge.policy.encoder import ObservationEncoder
 from joybridge.run.train import train
@@ -90,6 +93,19 @@ def test_what_each_agent_remembers_is_a_row_of_cells_below():
     assert (whole[40 + GAP, 16::16] == DARK // 2).all()  # a line between two cells
     many = PolicyView(game, [], [1]).beside(picture, [], [np.linspace(-1, 1, 640, dtype=np.float32)[None]])
     assert many.shape == (40 + ROW + GAP, 64, 3) and (np.diff(many[-1, :, 0].astype(int))[33:] >= 0).all()
+
+
+def test_an_agent_whose_seat_another_holds_has_no_row():
+    remembers = SimpleNamespace(
+        behavior=0, network=SimpleNamespace(actor=SimpleNamespace(memory=SimpleNamespace(state_size=2)))
+    )
+    player = SimpleNamespace(
+        actor=remembers, observations=SimpleNamespace(memory=np.arange(12).reshape(4, 3))
+    )  # the critic's state is the last
+    session: Any = SimpleNamespace(spec=spec(GAME, [EYES]))
+    policies: Any = SimpleNamespace(players=[player], timesteps=0)
+    play = Play(Config(game="game"), {}, [], 2, session, policies, [np.array([False, True] * 2)])
+    assert [states.tolist() for states in play.remembered()] == [[[3, 4]]]
 
 
 @pytest.fixture(scope="module")
