@@ -119,6 +119,25 @@ def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, enc
     assert len([name for name, _ in network.named_parameters() if "convolutions" in name]) >= 4 * encoders
 
 
+def test_threads_share_the_gradient_of_images():
+    found, used = [], []
+    for threads in (1, 2, 2):
+        encoder = ImageEncoder("windows", [Image(24, 24, 1)], 3, 1, "elu")
+        network = Network(3, ActionSpace(1, (3,)), Towers([8], True, "elu"), 1, [encoder])
+        encoder.register_forward_hook(lambda *_: used.append(torch.get_num_threads()))
+        learner = Learner("player", network, branches=["b"], gaussians=["x"], autograd=False, threads=threads)
+        normal = partial(torch.randn, generator=torch.Generator().manual_seed(0))
+        chosen = torch.ones(64, 1, dtype=torch.long)
+        seen = Observations(normal((64, 3)), (torch.from_numpy(bytes_of((64, 1, 24, 24, 1))),))
+        batch = Batch(seen, normal((64, 1)), chosen, None, *(normal(64) for _ in range(4)))
+        before = torch.get_num_threads()
+        learner.gradient(batch, torch.arange(64), Coefficients(1e-3, 0.2, 0.01))
+        assert torch.get_num_threads() == before
+        found.append(torch.cat([each.grad.flatten() for each in network.parameters() if each.grad is not None]))
+    assert used == [1, 2, 2] and torch.equal(found[1], found[2])
+    torch.testing.assert_close(found[0], found[1])
+
+
 @pytest.mark.parametrize(
     ("kind", "height", "width"),
     [

@@ -114,7 +114,7 @@ class PolicyConfig(Checked):
         None, pattern=CODE, description="MODULE:FUNCTION, a term of your own that is added to the loss"
     )
     threads: int = Field(
-        1, ge=1, le=64, description="that compute the gradient of dense layers, each for a part of the rows"
+        1, ge=1, le=64, description="that compute the gradient; more than 1 pay if no other run needs the cores"
     )
     autograd: bool = Field(False, description="take gradients from autograd, the reference, not from their closed form")
 

@@ -24,6 +24,7 @@ from joybridge.ppo.networks import Network, Outputs
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.own import Term
 from joybridge.ppo.schedule import Coefficients
+from joybridge.ppo.threads import in_threads
 
 
 @dataclass
@@ -179,10 +180,16 @@ def ppo_loss(
 
 
 def autograd_gradient(
-    network: Network, batch: Batch, units: Tensor, coefficients: Coefficients, term: Term | None = None
+    network: Network,
+    batch: Batch,
+    units: Tensor,
+    coefficients: Coefficients,
+    term: Term | None = None,
+    threads: int = 1,
 ) -> Array:
     """Set the gradient of the loss on some units of `batch` by autograd; return the statistics."""
     network.zero_grad(set_to_none=False)
-    loss, statistics = ppo_loss(network, batch.minibatch(units), coefficients, term)
-    loss.backward()  # type: ignore[no-untyped-call]
+    with in_threads(threads):
+        loss, statistics = ppo_loss(network, batch.minibatch(units), coefficients, term)
+        loss.backward()  # type: ignore[no-untyped-call]
     return statistics.cpu().numpy()

@@ -1,6 +1,8 @@
 """How matrix products are computed: in how many threads, and always alike."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import scipy.linalg.cython_blas  # noqa: F401  # loads the library of the compiled products, which is limited below
 import torch
@@ -14,6 +16,17 @@ def use_one_thread() -> None:
     """
     torch.set_num_threads(1)
     threadpool_limits(1, user_api="blas")
+
+
+@contextmanager
+def in_threads(number: int) -> Iterator[None]:
+    """Let PyTorch compute in so many threads meanwhile; as many threads have the same results each time."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def compute_alike() -> None:

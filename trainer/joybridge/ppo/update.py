@@ -45,9 +45,10 @@ class Learner:
 
         name: of the policy, for errors. branches, gaussians: what its outputs act on, for the names of statistics.
         autograd: take the gradient from autograd, the reference, rather than from its closed form, which needs the
-        processor, no images, no memory, and Gaussians or choices. threads: of the closed form. adam_eps: see `step`.
+        processor, no images, no memory, and Gaussians or choices. threads: that compute it. adam_eps: see `step`.
         """
         self.name, self.network, self.gaussians, self.adam_eps = name, network, gaussians, adam_eps
+        self.threads = threads
         self.weights = flatten_parameters(network)
         self.moments = {
             "step": torch.zeros((), device=self.weights.device),
@@ -56,7 +57,9 @@ class Learner:
         }
         self.closed = not (autograd or network.distributions or network.encoders or network.state_size)
         self.gradient: LossGradient = (
-            ClosedFormGradient(network, threads) if self.closed else partial(autograd_gradient, network)
+            ClosedFormGradient(network, threads)
+            if self.closed
+            else partial(autograd_gradient, network, threads=threads)
         )
         parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
         self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
@@ -66,7 +69,8 @@ class Learner:
 
         Raises ConfigError.
         """
-        self.closed, self.gradient = False, partial(autograd_gradient, self.network, term=load_term(name))
+        self.closed = False
+        self.gradient = partial(autograd_gradient, self.network, term=load_term(name), threads=self.threads)
         self.statistics.append(f"loss_{name.rpartition(':')[2]}")
 
     def state(self) -> dict[str, Array]:
