@@ -6,7 +6,7 @@ simulator   a game alone, in this process, by number of arenas
 pictures    the images that agents observe, beside a bare write of as many bytes
 wire        simulator process and client with random actions, and the round trip of one arena beside a bare echo
 learner     sample passes of an update, beside the bare matrix products of the same shapes; with images, beside the
-            bare forward and backward passes of the network
+            bare forward and backward passes of the network, and with memory of its recurrent layer
 train       all of it: what `joybridge train` reaches
 start       seconds that a simulator takes, seconds until a run's first update, and memory of both (Linux)
 peers       the same beside Stable-Baselines3's PPO and a Gymnasium AsyncVectorEnv, on the same game

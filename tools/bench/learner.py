@@ -11,7 +11,8 @@ from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.history import Window
 from joybridge.ppo.images import Image
 from joybridge.ppo.loss import Batch
-from joybridge.ppo.networks import Network, Towers
+from joybridge.ppo.memory import Sequences
+from joybridge.ppo.networks import MemoryKind, Network, Towers
 from joybridge.ppo.observation_tensors import Observations
 from joybridge.ppo.schedule import Coefficients
 from joybridge.ppo.threads import use_one_thread
@@ -68,7 +69,7 @@ def bench_learner() -> Figures:
         for way in ways[1:]:
             ratio = figures[f"{way}, {body}, sample passes/s"]["median"] / bare
             figures[f"{way} / bare products, {body}"] = {"median": ratio, "low": ratio, "high": ratio}
-    return figures | _image_learner(layout.space)
+    return figures | _image_learner(layout.space) | _memory_learner(layout.space)
 
 
 def random_batch(observations: Observations, rows: int) -> Batch:
@@ -110,6 +111,32 @@ def _image_learner(space: ActionSpace) -> Figures:
     figures = {"two images, sample passes/s": measure(update), "two images, bare passes/s": measure(bare)}
     ratio = figures["two images, sample passes/s"]["median"] / figures["two images, bare passes/s"]["median"]
     return figures | {"two images / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
+
+
+def _memory_learner(space: ActionSpace) -> Figures:
+    """Sample passes per second of an update with a GRU of 64 units, and of the bare passes of that layer."""
+    rows, minibatch, length, size = 4096, 1024, 32, 64
+    network = Network(40, space, Towers([size], True, "swish", MemoryKind("gru", size)), 0)
+    names = [str(branch) for branch in range(len(space.branches))]
+    learner = Learner("player", network, branches=names, gaussians=[], autograd=False)
+    batch, count = random_batch(Observations(torch.randn(rows, 40)), rows), rows // length
+    begins, lengths = length * torch.arange(count), torch.full((count,), length)
+    batch.sequences = Sequences(begins, lengths, torch.zeros(count, size), torch.zeros_like(begins))
+    layer, features = torch.nn.GRU(size, size), torch.randn(length, minibatch // length, size, requires_grad=True)
+
+    def update() -> float:
+        settings = PolicyConfig(epochs=1, minibatch_size=minibatch)
+        ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.02), settings, np.random.default_rng(0))
+        return float(rows)
+
+    def bare() -> float:
+        for _ in range(rows // minibatch):
+            layer(features)[0].sum().backward()
+        return float(rows)
+
+    figures = {"a GRU, sample passes/s": measure(update), "a GRU, bare passes/s": measure(bare)}
+    ratio = figures["a GRU, sample passes/s"]["median"] / figures["a GRU, bare passes/s"]["median"]
+    return figures | {"a GRU / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
 
 
 def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: int) -> float:
