@@ -25,7 +25,7 @@ from joybridge.run.train import train
 from joybridge.run.training import Audience
 from tools.bench.measure import CONFIGS, children, machine, megabytes
 
-SCREEN = ["options.observation=screen"]
+SCREEN = ["options.observation=screen", "policy.threads=1"]  # as many threads as the others have
 ROLLOUTS = 4  # of a turn, after the first, in which everything is compiled
 
 
