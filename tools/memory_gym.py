@@ -25,7 +25,6 @@ from joybridge.config.config import load_config
 from joybridge.config.metrics import Row, numbers, read_rows
 from joybridge.ppo.threads import use_one_thread
 
-INTERVAL = 8192  # timesteps of a row of metrics
 RUNS, STUDY = Path("runs/memory-gym"), Path("results/memory-gym")
 THEIRS = "recurrent_ppo"
 LEARNERS = {"joybridge": "ours", THEIRS: "RecurrentPPO"}  # in the names of runs, TASK/LEARNER-sSEED
@@ -133,7 +132,8 @@ def keep() -> None:
     for metrics in sorted(RUNS.glob("*/*/metrics-agent.csv")):
         timesteps = int(read_rows(metrics)[-1]["timesteps"])
         name = RunName.parse(metrics.parent.relative_to(RUNS).as_posix())
-        add_results(STUDY, run_results(metrics.parent, name, timesteps, INTERVAL))
+        interval = load_config(Path(f"configs/gym/{metrics.parents[1].name}.yaml")).log_interval
+        add_results(STUDY, run_results(metrics.parent, name, timesteps, interval))
 
 
 def by_learner() -> dict[str, dict[str, list[list[Row]]]]:

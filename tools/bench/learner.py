@@ -1,5 +1,7 @@
 """The learner: updates of networks, beside bare products of the same shapes."""
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 
@@ -97,20 +99,13 @@ def _image_learner(space: ActionSpace) -> Figures:
     batch = random_batch(Observations(torch.zeros(rows, 0), windows), rows)
     seen = batch.observations.index_select(0, torch.arange(minibatch))
 
-    def update() -> float:
-        settings = PolicyConfig(epochs=1, minibatch_size=minibatch)
-        ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.02), settings, np.random.default_rng(0))
-        return float(rows)
-
     def bare() -> float:
         for _ in range(rows // minibatch):
             logits, _, value = network(seen)
             (logits[:, :, :3].sum() + value.sum()).backward()
         return float(rows)
 
-    figures = {"two images, sample passes/s": measure(update), "two images, bare passes/s": measure(bare)}
-    ratio = figures["two images, sample passes/s"]["median"] / figures["two images, bare passes/s"]["median"]
-    return figures | {"two images / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
+    return _beside_bare("two images", learner, batch, minibatch, bare)
 
 
 def _memory_learner(space: ActionSpace) -> Figures:
@@ -124,19 +119,25 @@ def _memory_learner(space: ActionSpace) -> Figures:
     batch.sequences = Sequences(begins, lengths, torch.zeros(count, size), torch.zeros_like(begins))
     layer, features = torch.nn.GRU(size, size), torch.randn(length, minibatch // length, size, requires_grad=True)
 
-    def update() -> float:
-        settings = PolicyConfig(epochs=1, minibatch_size=minibatch)
-        ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.02), settings, np.random.default_rng(0))
-        return float(rows)
-
     def bare() -> float:
         for _ in range(rows // minibatch):
             layer(features)[0].sum().backward()
         return float(rows)
 
-    figures = {"a GRU, sample passes/s": measure(update), "a GRU, bare passes/s": measure(bare)}
-    ratio = figures["a GRU, sample passes/s"]["median"] / figures["a GRU, bare passes/s"]["median"]
-    return figures | {"a GRU / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
+    return _beside_bare("a GRU", learner, batch, minibatch, bare)
+
+
+def _beside_bare(what: str, learner: Learner, batch: Batch, minibatch: int, bare: Callable[[], float]) -> Figures:
+    """Sample passes per second of an update, of the bare passes, and their ratio."""
+
+    def update() -> float:
+        settings = PolicyConfig(epochs=1, minibatch_size=minibatch)
+        ppo_update(learner, batch, Coefficients(1e-3, 0.2, 0.02), settings, np.random.default_rng(0))
+        return float(len(batch))
+
+    figures = {f"{what}, sample passes/s": measure(update), f"{what}, bare passes/s": measure(bare)}
+    ratio = figures[f"{what}, sample passes/s"]["median"] / figures[f"{what}, bare passes/s"]["median"]
+    return figures | {f"{what} / bare passes": {"median": ratio, "low": ratio, "high": ratio}}
 
 
 def _products(heads: list[torch.Tensor], minibatch: int, inputs: int, hidden: int) -> float:
