@@ -83,14 +83,27 @@ def test_images_are_the_same_bytes_on_every_machine(game, color):
     assert digest.hexdigest()[:16] == HASHES[game.name, color]
 
 
-def test_a_part_of_a_pixel_that_a_bird_moves_shows_in_its_shades():
-    game = clear_sky(observation="screen", screen_size="48")
+@pytest.mark.parametrize(("positions", "different"), [("exact", 8), ("rounded", 1)])
+def test_a_part_of_a_pixel_that_a_bird_moves_shows_in_its_shades(positions, different):
+    game = clear_sky(observation="screen", screen_size="48", positions=positions)
     unit = 2 * bird_picture.HALF_WIDTH / 48
     seen = []
     for shift in np.arange(8) / 8:
         place(game, 0, shift * unit, 8.0, 2)
         seen.append(images(game)[0].tobytes())
-    assert len(set(seen)) == 8
+    assert len(set(seen)) == different
+
+
+@pytest.mark.parametrize(
+    ("positions", "different"), [("exact", 8), ("rounded", 3)]
+)  # ground and bird, one after the other
+def test_a_pointer_that_moves_by_a_part_of_a_pixel_shifts_the_square_around_it(positions, different):
+    game = clear_sky(observation="fovea", positions=positions)
+    seen = []
+    for shift in np.arange(8) / 8:
+        game.fields["x"] = shift * 8.0 / 32
+        seen.append(images(game)[0].tobytes())
+    assert len(set(seen)) == different
 
 
 @pytest.mark.parametrize("observation", ["screen", "fovea"])

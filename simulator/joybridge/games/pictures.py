@@ -52,6 +52,7 @@ class View:
     channels: int  # 1 gray, 3 RGB
     centered: bool  # on the pointer; otherwise on the field
     on_camera: bool = False  # if not on the pointer: on a camera that moves over the field
+    rounded: bool = False  # what it sees is moved to whole pixels
 
 
 class Eye(NamedTuple):
@@ -66,6 +67,7 @@ class Eye(NamedTuple):
     unit: float
     centered: bool  # on a place that moves
     on_camera: bool  # and that is not the pointer
+    rounded: bool
 
 
 class Window(NamedTuple):
@@ -94,13 +96,15 @@ def make_eye(view: View, field: Field) -> Eye:
     rows, columns = view.height, view.width
     moves = view.centered or view.on_camera
     if moves:  # planes reach as far as the eye does from any place in the field
-        phases = PHASES
+        phases = 1 if view.rounded else PHASES
         half_x, half_y = half_x + field.half_width, half_y + field.half_height
         rows, columns = (math.ceil(2 * half / view.unit) + 1 for half in (half_y, half_x))
     size = (field.levels, phases, phases, rows, columns)
     background = np.empty((*size, view.channels), np.uint8)
     hidden = np.empty((*size, len(field.hides)), np.uint8)
-    return Eye(background, hidden, ground_colors, colors, -half_x, half_y, view.unit, moves, view.on_camera)
+    return Eye(
+        background, hidden, ground_colors, colors, -half_x, half_y, view.unit, moves, view.on_camera, view.rounded
+    )
 
 
 def look(eye: Eye, field: Field, levels: Iterable[int]) -> None:
@@ -186,9 +190,16 @@ def _steps(pixels, phases, most):
 
 
 @compiled
+def _pixel(eye, window, x, y):
+    """Return where in an image the place (x, y) is, in pixels; 0 is the middle of the first one."""
+    column, row = (x - window.left) / eye.unit - 0.5, (window.top - y) / eye.unit - 0.5
+    return (math.floor(column + 0.5) + 0.0, math.floor(row + 0.5) + 0.0) if eye.rounded else (column, row)
+
+
+@compiled
 def paint_disc(eye, window, kind, x, y, radius, color, opacity, canvas):
     """Paint a disc at (x, y), units, behind what hides things of its kind. opacity: 0..256."""
-    cx, cy, r = (x - window.left) / eye.unit - 0.5, (window.top - y) / eye.unit - 0.5, radius / eye.unit
+    (cx, cy), r = _pixel(eye, window, x, y), radius / eye.unit
     height, width, channels = canvas.shape
     reach = r + 0.5
     for i in range(max(math.ceil(cy - reach), 0), min(math.floor(cy + reach) + 1, height)):
@@ -205,7 +216,7 @@ def paint_disc(eye, window, kind, x, y, radius, color, opacity, canvas):
 @compiled
 def paint_ring(eye, window, x, y, radius, color, opacity, canvas):
     """Paint a circle around (x, y), a pixel wide, in front of everything. Radius in units."""
-    cx, cy, r = (x - window.left) / eye.unit - 0.5, (window.top - y) / eye.unit - 0.5, radius / eye.unit
+    (cx, cy), r = _pixel(eye, window, x, y), radius / eye.unit
     height, width, channels = canvas.shape
     reach = r + 1.0
     for i in range(max(math.ceil(cy - reach), 0), min(math.floor(cy + reach) + 1, height)):

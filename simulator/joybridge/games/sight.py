@@ -41,6 +41,11 @@ SIGHT_OPTIONS = [
     option("fovea_reach", ["4", "8", "16"], description="units from the pointer to the edge of the image fovea"),
     option("color", ["gray", "rgb"], description="of images"),
     option("cursor", ["drawn", "hidden"], description="whether the image screen shows the pointer, as a thin circle"),
+    option(
+        "positions",
+        ["exact", "rounded"],
+        description="where images show things. exact: shades tell a place within a pixel; rounded: in whole pixels",
+    ),
 ]
 
 _DESCRIPTIONS = {
@@ -62,11 +67,11 @@ def views(options: Mapping[str, str], half_width: float, half_height: float) -> 
     """
     width, size = int(options["screen_size"]), int(options["fovea_size"])
     channels = 3 if options["color"] == "rgb" else 1
-    unit = 2 * half_width / width
+    unit, rounded = 2 * half_width / width, options["positions"] == "rounded"
     every = {
-        "screen": View(round(2 * half_height / unit), width, unit, channels, centered=False),
-        "fovea": View(size, size, 2 * float(options["fovea_reach"]) / size, channels, centered=True),
-        "wide": View(size, size, 2 * WIDE_REACH / size, channels, centered=True),
+        "screen": View(round(2 * half_height / unit), width, unit, channels, centered=False, rounded=rounded),
+        "fovea": View(size, size, 2 * float(options["fovea_reach"]) / size, channels, centered=True, rounded=rounded),
+        "wide": View(size, size, 2 * WIDE_REACH / size, channels, centered=True, rounded=rounded),
     }
     return {name: every[name] for name in OBSERVATIONS[options["observation"]] if name in every}
 
