@@ -226,6 +226,8 @@ def test_sensors_keep_their_names_and_shapes_and_the_seed_fixes_the_network(layo
     states = [actor("parts:Shapes", seed, layout).state() for seed in (3, 3, 4)]
     name = "encoders.0.module.layer.weight"
     assert np.array_equal(states[0][name], states[1][name]) and not np.array_equal(states[0][name], states[2][name])
+    (encoder,) = actor("parts:Shapes", layout=layout).network.encoders
+    assert encoder.module.shapes == {"place": (2, 2), "grid": (2, 3, 2), "view": (2, 6, 5, 1)}
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ class OwnEncoder(nn.Module):
         self.sensors = {sensor.name: tuple(sensor.shape) for sensor in numbers}
         self.sizes = [element_count(sensor) for sensor in numbers]
         self.images = [*images]
-        shapes = self.sensors | {name: tuple(image) for name, image in images.items()}
+        shapes = self.sensors | {name: image.shape for name, image in images.items()}
         stacked = {name: (frame_stack, *shape) for name, shape in shapes.items()}
         made = load_own("network", name)
         if not (isinstance(made, type) and issubclass(made, nn.Module)):
