@@ -16,7 +16,7 @@ from joybridge.layouts import ActionSpace
 from joybridge.policy.actor import make_actors
 from joybridge.policy.config_fit import check_fit
 from joybridge.policy.encoder import push_frames
-from joybridge.ppo.convolutions import GAIN, WHITE, DifferenceConvolution, ImageEncoder
+from joybridge.ppo.convolutions import FEATURES, GAIN, WHITE, Convolutions, DifferenceConvolution, ImageEncoder, Moments
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.history import History
 from joybridge.ppo.images import MIN_PIXELS, Image, encoder_kind, find_images
@@ -98,7 +98,8 @@ def test_differences_between_frames_are_other_weights_of_the_same_pictures(kind,
 
 
 @pytest.mark.parametrize(
-    ("kind", "size", "numbers"), [("windows", 24, 3), ("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)]
+    ("kind", "size", "numbers"),
+    [("windows", 24, 3), ("moments", 24, 0), ("simple", 6, 0), ("nature", 36, 3), ("impala", 9, 3)],
 )
 @pytest.mark.parametrize(("shared", "encoders"), [(True, 1), (False, 1), (False, 2)])
 def test_every_convolution_learns_shared_or_not(kind, size, numbers, shared, encoders):
@@ -136,6 +137,30 @@ def test_threads_share_the_gradient_of_images():
         found.append(torch.cat([each.grad.flatten() for each in network.parameters() if each.grad is not None]))
     assert used == [1, 2, 2] and torch.equal(found[1], found[2])
     torch.testing.assert_close(found[0], found[1])
+
+
+def test_moments_say_how_much_a_map_finds_and_where_to_a_part_of_a_place():
+    """Three numbers of a spot between two places, of another map with nothing in it, and of one that is full."""
+    values = torch.zeros(1, 3, 4, 8)
+    values[0, 0, 1, 6] = values[0, 0, 1, 7] = 100.0  # a spot on the edge between the last two columns
+    values[0, 2] = -100.0
+    x, y, mass = Moments(4, 8)(values)[0].view(3, 3)
+    torch.testing.assert_close(x, torch.tensor([2 * 0.75, 0.0, 0.0]), rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(y, torch.tensor([2 * -0.25, 0.0, 0.0]), rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(mass, torch.tensor([1.0, 0.0, 1.0]), rtol=1e-4, atol=1e-4)
+
+
+def test_features_are_those_of_windows_and_the_moments_of_each_map():
+    """The first features are what windows give with the same weights."""
+    torch.manual_seed(0)
+    body, stacks = Convolutions("moments", Image(32, 40, 1), 2, "relu"), torch.from_numpy(bytes_of((5, 2, 32, 40, 1)))
+    plain = Convolutions("windows", Image(32, 40, 1), 2, "relu")
+    plain.load_state_dict(body.state_dict())  # moments have no parameters
+    features, maps = body(stacks)
+    assert features.shape == (5, body.features) and body.features == FEATURES + 3 * (16 + 32)
+    assert torch.equal(features[:, :FEATURES], plain(stacks)[0])
+    first = body.moments[0](maps[0])
+    assert torch.equal(features[:, FEATURES:][:, : 3 * 16], first) and first.std() > 0
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,12 @@ def test_an_interrupted_run_saves_ends_its_simulator_and_resumes_exactly_as_ofte
 
 def test_a_killed_run_that_sees_images_resumes_to_the_same_bits(address, tmp_path):
     run, config = tmp_path / "run", CONFIG.with_name("screen.yaml")
-    stacks = ["policy.frame_stack=3", "policy.shared_encoder=false", "options.fovea_size=24"]
+    stacks = [
+        "policy.frame_stack=3",
+        "policy.shared_encoder=false",
+        "policy.shared_body=false",
+        "options.fovea_size=24",
+    ]
     with trainer_with_a_row(run, *arguments(run, *SMALL, *stacks, config=config)) as (process, _):
         wait_for_rows(run, 2)  # so that there is a checkpoint, that of the first row
         process.kill()

@@ -22,6 +22,7 @@ IMAGES = [  # encoder, pixels, frames, activation, one convolution for actor and
     ("nature", "36", 1, "elu", True),
     ("impala", "9", 2, "tanh", False),
     ("auto", "20", 1, "swish", False),
+    ("moments", "20", 2, "tanh", True),
 ]
 SMALL = PolicyConfig(frame_stack=3, hidden_sizes=[8, 8])
 POINTERS = [  # images, layout
@@ -29,6 +30,7 @@ POINTERS = [  # images, layout
     (IMAGES[1], "map-4x4, gear=threshold-0.0"),
     (IMAGES[2], "map-3x2, gear=ordinal-3"),
     (IMAGES[3], "map-4x3"),
+    (IMAGES[5], "map-4x4"),
 ]
 MEMORIES = [  # kind, body of actor and critic, layout, what they see
     ("gru", True, "bucket-3", "numbers"),
@@ -93,6 +95,7 @@ def seeing(encoder, pixels, frames, activation, shared):
         frame_stack=frames,
         activation=activation,
         shared_encoder=shared,
+        shared_body=None if shared else False,
         hidden_sizes=[8],
         scale_observations="running",
     )

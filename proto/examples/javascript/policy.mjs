@@ -12,6 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
+const FAINT = 0.1; // the mass whose place is half that of the middle
 const MAX_NUMBERS = 2 ** 24; // that a network remembers, and of an image
 const FORMAT = "joybridge.policy.v5";
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
@@ -43,7 +44,11 @@ export class Policy {
     const count = (names) => names.reduce((sum, name) => sum + sizes.get(name), 0);
     this.networks = document.policies.map((network) => ({
       ...network,
-      images: network.images.map((image) => ({ ...image, steps: image.steps.map(decoded) })),
+      images: network.images.map(({ steps, moments = [], ...image }) => ({
+        ...image,
+        steps: steps.map(decoded),
+        moments: moments.map(({ step, grid }) => ({ step, grid: floats(grid) })),
+      })),
       discrete: network.discrete.map((table) => ({ ...table, places: table.places?.map(decoded) })),
       sizes: [count(network.sensors), ...network.images.map(({ sensor }) => count([sensor]))],
       layers: network.layers.map(decoded),
@@ -89,7 +94,10 @@ export class Policy {
     const next = this.networks.map((network, index) => {
       const { newest, seen } = see(network, sensors, state[index]);
       const images = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
-      const features = images.map((steps) => steps.at(-1).values);
+      const features = network.images.flatMap(({ moments: wanted }, k) => [
+        images[k].at(-1).values,
+        ...wanted.map(({ step, grid }) => moments(images[k][step], grid)),
+      ]);
       const inputs = Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)));
       const { values, memory } = dense(network, inputs, state[index].at(-1));
       const outputs = finite(point(network, Array.from(values), images));
@@ -189,6 +197,22 @@ function encode({ shape: [height, width, channels], white, steps }, stack, activ
   });
   let image = { channels: stack.length / (height * width), height, width, values };
   return steps.map((step) => (image = take(step, image, activate)));
+}
+
+/** Return x, then y, then mass of what each channel of an image finds. */
+function moments({ channels, values }, grid) {
+  const size = grid.length / 2;
+  const result = new Float32Array(3 * channels);
+  for (let channel = 0; channel < channels; channel++) {
+    let [mass, x, y] = [0, 0, 0];
+    for (let k = 0; k < size; k++) {
+      const part = values[channel * size + k] ** 2;
+      [mass, x, y] = [mass + part, x + part * grid[k], y + part * grid[size + k]];
+    }
+    const found = [x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1)];
+    found.forEach((value, number) => (result[number * channels + channel] = value));
+  }
+  return result;
 }
 
 /** Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells. */

@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
+FAINT = 0.1  # the mass whose place is half that of the middle
 MAX_NUMBERS = 2**24  # that a policy remembers, and of a picture
 FORMAT = "joybridge.policy.v5"
 ACTIVATIONS = {
@@ -143,6 +144,8 @@ class Policy:
                 images.append(_encode(image["steps"], pixels, ACTIVATIONS[network["activation"]]))
                 seen = images[-1][-1].reshape(len(seen), -1)
             features.append(seen)
+            if image:
+                features += [_moments(images[-1][one["step"]], one["grid"]) for one in image.get("moments", ())]
         return np.concatenate(features, axis=1), images, kept, state
 
     def _noise(self, network, lanes, random):
@@ -188,6 +191,13 @@ def _encode(steps, values, activation):
             values = _windows(step, values, -np.inf).max(axis=(4, 5))
         after.append(values)
     return after
+
+
+def _moments(values, grid):
+    """Return x, y and mass of what each channel of an image [lanes, channels, height, width] finds."""
+    masses = np.square(values).reshape(*values.shape[:2], -1)
+    mass, (x, y) = masses.sum(axis=2), np.moveaxis(masses @ grid.T, 2, 0)
+    return np.concatenate([x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1)], axis=1)
 
 
 def _point(network, outputs, images):

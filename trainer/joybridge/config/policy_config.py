@@ -34,15 +34,17 @@ class PolicyConfig(Checked):
         "none", description="bounds: from those of the sensors to -1..1; running: by mean and deviation in training"
     )
     scale_rewards: bool = Field(False, description="divide rewards by the deviation of the returns so far")
-    image_encoder: Literal["auto", "none", "windows", "simple", "nature", "impala"] = Field(
+    image_encoder: Literal["auto", "none", "windows", "moments", "simple", "nature", "impala"] = Field(
         "auto",
-        description="convolutions over images; auto: windows, over what the game calls an image; none: pixels "
-        "are plain numbers",
+        description="convolutions over images; auto: windows, over what the game calls an image; moments: these, and "
+        "where their maps find something, as numbers; none: pixels are plain numbers",
     )
     network: str | None = Field(
         None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
     )
-    shared_encoder: bool = Field(True, description="actor and critic share the convolutions, or `network`")
+    shared_encoder: bool = Field(
+        True, description="actor and critic share the convolutions, or `network`; false: in bodies of their own"
+    )
     frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     frame_differences: bool = Field(
         False,

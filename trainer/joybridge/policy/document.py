@@ -162,8 +162,17 @@ def _images(actor: Actor) -> list[Document]:
     for number, (name, image) in enumerate(actor.encoder.images.items()):
         body = _body(actor, number)
         steps = [*_steps([*body.stages, nn.Flatten(), *body.dense], _blank(actor, number))]
-        documents.append({"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps})
+        document = {"sensor": name, "shape": [*image.shape], "white": body.white, "steps": steps}
+        documents.append(document | _moments(body, _blank(actor, number)))
     return documents
+
+
+def _moments(body: Convolutions, values: Tensor) -> Document:
+    """Return after which steps moments are taken, and where the places of their maps are. values: any image."""
+    ends = _stage_ends(body, values)
+    grids = [moment.get_buffer("grid").numpy(force=True) for moment in body.moments]
+    moments = [{"step": step, "grid": grid} for step, grid in zip(ends, grids, strict=False)]
+    return {"moments": moments} if moments else {}
 
 
 def _body(actor: Actor, image: int) -> Convolutions:

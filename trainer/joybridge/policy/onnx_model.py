@@ -25,9 +25,11 @@ import numpy.typing as npt
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from joybridge.contract.tensors import Array
 from joybridge.contract.versions import own_version
 from joybridge.layouts import CLIP
 from joybridge.policy.document import Document
+from joybridge.ppo.convolutions import FAINT
 from joybridge.ppo.distributions import FORBIDDEN
 
 OPSET, IR_VERSION = 17, 8
@@ -162,7 +164,17 @@ class _Builder:
             value = self._node("Div", value, self._constant(image["white"]))
             self._images.append(self._encode(image["steps"], policy["activation"], value))
             parts.append(self._node("Flatten", self._images[-1][-1]))
+            parts += [self._moments(self._images[-1][one["step"]], one["grid"]) for one in image.get("moments", ())]
         return self._side_by_side(parts)
+
+    def _moments(self, image: str, grid: Array) -> str:
+        """Return x, y and mass of what each channel of an image [lanes, channels, height, width] finds."""
+        masses = self._reshape(self._node("Mul", image, image), [0, 0, -1])
+        mass = self._node("ReduceSum", masses, self._constant([2], np.int64), keepdims=0)
+        places = [self._node("MatMul", masses, self._constant(row)) for row in grid]
+        total = self._node("Add", mass, self._constant(FAINT))
+        share = self._node("Div", mass, self._node("Add", mass, self._constant(1)))
+        return self._side_by_side([*(self._node("Div", place, total) for place in places), share])
 
     def _stack(self, newest: str, size: int, frames: int) -> str:
         """Return the last frames or pictures side by side, oldest first; all but the oldest are remembered."""

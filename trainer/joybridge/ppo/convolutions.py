@@ -14,12 +14,17 @@ from joybridge.ppo.activations import ACTIVATIONS
 from joybridge.ppo.images import Image, encoder_kind
 from joybridge.ppo.observation_tensors import Observations
 
-FEATURES = 128  # of an image, with the encoder of windows
+FEATURES = 128  # of an image, with the encoder of windows, beside its moments
 WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
-FIELDS = {"windows": 16, "nature": 36}  # pixels of a side that one place of the last map depends on, all in all
+FIELDS = {
+    "windows": 16,
+    "moments": 16,
+    "nature": 36,
+}  # pixels of a side that one place of the last map depends on, all in all
 APART = 8  # pixels between two such places
 GAIN = 4.0  # of changes from frame to frame, which are small beside the pictures themselves
+FAINT = 0.1  # the mass of what a map finds that has half of its place, the other half is the middle
 
 
 class Encoded(NamedTuple):
@@ -80,7 +85,8 @@ class Convolutions(nn.Module):
         """Make layers for stacks of so many pictures. kind: see `PolicyConfig.image_encoder`."""
         super().__init__()
         kind = encoder_kind(kind, image)
-        self.image, self.white = image, WINDOWS_WHITE if kind == "windows" else WHITE
+        windows = kind in ("windows", "moments")
+        self.image, self.white = image, WINDOWS_WHITE if windows else WHITE
         channels = image.channels * frame_stack
         self.stages = nn.ModuleList(STAGES[kind](channels, activation, padding_of(kind, image)))
         with torch.no_grad():
@@ -88,9 +94,12 @@ class Convolutions(nn.Module):
             self.maps = [tuple(stage.shape[1:]) for stage in self.see(pixels)]  # channels, height, width of each stage
         self.features = math.prod(self.maps[-1])
         self.dense = nn.Sequential()
-        if kind == "windows":
+        if windows:
             self.dense = nn.Sequential(nn.Linear(self.features, FEATURES), Activate(activation))
             self.features = FEATURES
+        found = self.maps if kind == "moments" else []
+        self.moments = nn.ModuleList(Moments(height, width) for _, height, width in found)
+        self.features += sum(Moments.NUMBERS * channels for channels, _, _ in found)
 
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
@@ -99,7 +108,11 @@ class Convolutions(nn.Module):
         bytes_ = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels)
         pixels = bytes_.float().div_(self.white)
         maps = self.see(pixels)
-        return self.dense(maps[-1].flatten(1)), maps
+        features = self.dense(maps[-1].flatten(1))
+        if self.moments:
+            moments = (moment(values) for moment, values in zip(self.moments, maps, strict=True))
+            features = torch.cat([features, *moments], dim=1)
+        return features, maps
 
     def see_differences(self, frame_stack: int) -> None:
         """Let the first convolution learn from what has changed between the pictures of a stack."""
@@ -184,6 +197,30 @@ class DifferenceConvolution(nn.Module):
         return functional.conv2d(pixels, self.seen, layer.bias, layer.stride, layer.padding)
 
 
+class Moments(nn.Module):
+    """How much each channel of a map finds, and where in the image, as numbers.
+
+    Squares of what it finds are masses. A dense layer would have to learn for every place anew what it means. These
+    numbers are the same function of a position everywhere, and tell it to a part of a pixel.
+    """
+
+    NUMBERS = 3  # per channel
+    grid: Tensor  # [2, height * width]: x and y of each place of the map, of -2 to 2 from edge to edge
+
+    def __init__(self, height: int, width: int) -> None:
+        """Take the size of the map."""
+        super().__init__()
+        y, x = ((4 * torch.arange(size) + 2) / size - 2 for size in (height, width))
+        grid = torch.stack([x.repeat(height), y.repeat_interleave(width)])
+        self.register_buffer("grid", grid, persistent=False)
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Return [n, 3 * channels] for [n, channels, height, width]: all x, all y, and all masses, as shares of 1."""
+        masses = values.square().flatten(2)
+        mass, (x, y) = masses.sum(dim=2), (masses @ self.grid.T).unbind(dim=2)
+        return torch.cat([x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1.0)], dim=1)
+
+
 class Residual(nn.Module):
     """What two convolutions add to their input."""
 
@@ -238,6 +275,7 @@ def _impala(channels: int, activation: str, _: int) -> list[nn.Module]:
 
 STAGES: dict[str, Callable[[int, str, int], list[nn.Module]]] = {
     "windows": _windows,
+    "moments": _windows,
     "simple": _simple,
     "nature": _nature,
     "impala": _impala,

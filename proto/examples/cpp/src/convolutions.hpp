@@ -92,6 +92,38 @@ struct EncoderStep {
   std::size_t rows = 0, columns = 0, stride = 0, padding = 0;
 };
 
+/// How much each channel of an image finds after a step, and where.
+struct Moments {
+  explicit Moments(const Json& moments) : step(moments["step"].place()), grid(moments["grid"].floats()) {}
+
+  /// Returns x, then y, then mass of each channel.
+  std::vector<float> of(const Planes& seen) const {
+    const std::size_t size = seen.height * seen.width;
+    require(grid.size() == 2 * size);
+    std::vector<float> result(3 * seen.channels);
+    for (std::size_t channel = 0; channel < seen.channels; ++channel) {
+      double mass = 0, x = 0, y = 0;
+      for (std::size_t k = 0; k < size; ++k) {
+        const double value = seen.values.at(channel * size + k);
+        mass += value * value;
+        x += value * value * grid[k];
+        y += value * value * grid[size + k];
+      }
+      result[channel] = float(x / (mass + FAINT));
+      result[seen.channels + channel] = float(y / (mass + FAINT));
+      result[2 * seen.channels + channel] = float(mass / (mass + 1));
+    }
+    return result;
+  }
+
+  std::size_t step;
+
+ private:
+  static constexpr double FAINT = 0.1;  // the mass whose place is half that of the middle
+
+  std::vector<float> grid;
+};
+
 /// What a map sees of its cells in an image after a step: how much of each place.
 struct Place {
   explicit Place(const Json& place)
@@ -124,6 +156,7 @@ struct ImageEncoder {
         width(image["shape"].items.at(1).place()), channels(image["shape"].items.at(2).place()) {
     require(height * width <= MAX_NUMBERS && size() <= MAX_NUMBERS);  // none of the products is cut off
     for (const Json& step : image["steps"].items) steps.emplace_back(step);
+    for (const Json& each : image["moments"].items) moments.emplace_back(each);
   }
 
   /// Returns the numbers of one picture.
@@ -143,6 +176,7 @@ struct ImageEncoder {
   }
 
   std::string sensor;
+  std::vector<Moments> moments;
 
  private:
   float white;

@@ -84,6 +84,7 @@ class Network {
     for (const ImageEncoder& image : images) {
       seen.push_back(image.see(stack(find(sensors, image.sensor), older, kept), activate));
       append(values, seen.back().back().values);
+      for (const Moments& each : image.moments) append(values, each.of(seen.back().at(each.step)));
     }
     std::copy(kept.begin(), kept.end(), older.begin());
     return values;
