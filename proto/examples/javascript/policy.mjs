@@ -16,6 +16,7 @@ const FAINT = 0.1; // the mass whose place is half that of the middle
 const MAX_NUMBERS = 2 ** 24; // that a network remembers, and of an image
 const FORMAT = "joybridge.policy.v5";
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
+const clip = (value, low, high) => Math.min(Math.max(value, low), high);
 const ACTIVATIONS = {
   swish: (x) => x * sigmoid(x),
   tanh: Math.tanh,
@@ -42,20 +43,10 @@ export class Policy {
     this.deterministic = document.deterministic;
     const sizes = new Map(this.sensors.map(({ name, shape }) => [name, shape.reduce((a, b) => a * b, 1)]));
     const count = (names) => names.reduce((sum, name) => sum + sizes.get(name), 0);
-    this.networks = document.policies.map((network) => ({
+    this.networks = document.policies.map(decoded).map((network) => ({
       ...network,
-      images: network.images.map(({ steps, moments = [], ...image }) => ({
-        ...image,
-        steps: steps.map(decoded),
-        moments: moments.map(({ step, grid }) => ({ step, grid: floats(grid) })),
-      })),
-      discrete: network.discrete.map((table) => ({ ...table, places: table.places?.map(decoded) })),
       sizes: [count(network.sensors), ...network.images.map(({ sensor }) => count([sensor]))],
-      layers: network.layers.map(decoded),
       memory: network.memory && new Memory(network.memory),
-      deviations: floats(network.deviations),
-      shift: network.scaling && floats(network.scaling.shift),
-      scale: network.scaling && floats(network.scaling.scale),
     }));
     if (!this.axes.every(({ low, high }) => low <= high)) throw new Error("the policy is damaged");
     for (const { sizes, frame_stack, memory } of this.networks) {
@@ -94,9 +85,9 @@ export class Policy {
     const next = this.networks.map((network, index) => {
       const { newest, seen } = see(network, sensors, state[index]);
       const images = network.images.map((image, k) => encode(image, seen[k + 1], ACTIVATIONS[network.activation]));
-      const features = network.images.flatMap(({ moments: wanted }, k) => [
+      const features = network.images.flatMap(({ moments: found = [] }, k) => [
         images[k].at(-1).values,
-        ...wanted.map(({ step, grid }) => moments(images[k][step], grid)),
+        ...found.map(({ step, grid }) => moments(images[k][step], grid)),
       ]);
       const inputs = Float32Array.from([seen[0], ...features].flatMap((part) => Array.from(part)));
       const { values, memory } = dense(network, inputs, state[index].at(-1));
@@ -145,7 +136,7 @@ export class Policy {
 /** A recurrent layer. `numbers`: of what it remembers. */
 class Memory {
   constructor({ kind, input, state }) {
-    [this.kind, this.input, this.state] = [kind, decoded(input), decoded(state)];
+    [this.kind, this.input, this.state] = [kind, input, state];
     this.size = this.state.bias.length / (kind === "lstm" ? 4 : 3);
     this.numbers = this.size * (kind === "lstm" ? 2 : 1);
   }
@@ -181,9 +172,9 @@ function see(network, sensors, state) {
 }
 
 /** Return a frame as the network was trained with it. */
-function scale({ scaling, shift, scale }, frame) {
+function scale({ scaling }, frame) {
   if (!scaling) return frame;
-  const { limit = Infinity } = scaling;
+  const { shift, scale, limit = Infinity } = scaling;
   return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
@@ -201,18 +192,13 @@ function encode({ shape: [height, width, channels], white, steps }, stack, activ
 
 /** Return x, then y, then mass of what each channel of an image finds. */
 function moments({ channels, values }, grid) {
-  const size = grid.length / 2;
-  const result = new Float32Array(3 * channels);
-  for (let channel = 0; channel < channels; channel++) {
-    let [mass, x, y] = [0, 0, 0];
-    for (let k = 0; k < size; k++) {
-      const part = values[channel * size + k] ** 2;
-      [mass, x, y] = [mass + part, x + part * grid[k], y + part * grid[size + k]];
-    }
-    const found = [x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1)];
-    found.forEach((value, number) => (result[number * channels + channel] = value));
-  }
-  return result;
+  const [size, masses] = [grid.length / 2, values.map((x) => x * x)];
+  const sums = [(k) => grid[k], (k) => grid[size + k], () => 1].map((share) =>
+    Array.from({ length: channels }, (_, channel) =>
+      masses.slice(channel * size, (channel + 1) * size).reduce((sum, mass, k) => sum + mass * share(k), 0),
+    ),
+  );
+  return sums.flatMap((sum, part) => sum.map((value, k) => value / (sums[2][k] + (part < 2 ? FAINT : 1))));
 }
 
 /** Return outputs in which what a map looks for, a weight for each channel, has become the logits of its cells. */
@@ -296,13 +282,12 @@ function press(share, threshold, count) {
   return Number(threshold === 0 ? share > 0 : Math.abs(share) < threshold);
 }
 
-function clip(value, low, high) {
-  return Math.min(Math.max(value, low), high);
-}
-
-/** Return a layer or a step of an encoder, and what it contains, with arrays as numbers. */
-function decoded({ weight, bias, steps, ...step }) {
-  return { ...step, weight: weight && floats(weight), bias: bias && floats(bias), steps: steps?.map(decoded) };
+/** Return a part of the file with its arrays as numbers. */
+function decoded(part) {
+  if (!(part instanceof Object)) return part;
+  if (part.float32 !== undefined) return floats(part);
+  if (Array.isArray(part)) return part.map(decoded);
+  return Object.fromEntries(Object.entries(part).map(([key, value]) => [key, decoded(value)]));
 }
 
 /** Return the numbers of an array of the file: little-endian floats of 32 bits, as base64. */
