@@ -104,8 +104,9 @@ class Convolutions(nn.Module):
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
         n, frames, height, width, channels = stacks.shape
-        # In the order of memory in which convolutions are fastest, channels last. In place, which costs half as much.
-        bytes_ = stacks.permute(0, 2, 3, 1, 4).reshape(n, height, width, frames * channels)
+        # In the order of memory in which convolutions are up to five times as fast, channels last, of which a reshaped
+        # view of several gray pictures is not. Divided in place, which costs half as much.
+        bytes_ = stacks.permute(0, 2, 3, 1, 4).contiguous().view(n, height, width, frames * channels)
         pixels = bytes_.float().div_(self.white)
         maps = self.see(pixels)
         features = self.dense(maps[-1].flatten(1))
