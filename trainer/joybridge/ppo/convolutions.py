@@ -206,19 +206,20 @@ class Moments(nn.Module):
     """
 
     NUMBERS = 3  # per channel
-    grid: Tensor  # [2, height * width]: x and y of each place of the map, of -2 to 2 from edge to edge
+    grid: Tensor  # [3, height * width]: of each place of the map x and y, of -2 to 2 from edge to edge, and 1
 
     def __init__(self, height: int, width: int) -> None:
         """Take the size of the map."""
         super().__init__()
         y, x = ((4 * torch.arange(size) + 2) / size - 2 for size in (height, width))
-        grid = torch.stack([x.repeat(height), y.repeat_interleave(width)])
+        grid = torch.stack([x.repeat(height), y.repeat_interleave(width), torch.ones(height * width)])
         self.register_buffer("grid", grid, persistent=False)
 
     def forward(self, values: Tensor) -> Tensor:
         """Return [n, 3 * channels] for [n, channels, height, width]: all x, all y, and all masses, as shares of 1."""
-        masses = values.square().flatten(2)
-        mass, (x, y) = masses.sum(dim=2), (masses @ self.grid.T).unbind(dim=2)
+        # In the order of memory of convolutions, channels last: gradients in another one would slow theirs down.
+        masses = values.permute(0, 2, 3, 1).reshape(len(values), -1, values.shape[1]).square()
+        x, y, mass = (self.grid @ masses).unbind(dim=1)
         return torch.cat([x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1.0)], dim=1)
 
 
