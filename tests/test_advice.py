@@ -9,7 +9,9 @@ from joybridge.policy.actor import make_actors
 from joybridge.policy.policy import Policy
 from joybridge.run.advice import SAME_DECISIONS, TAKEN_BACK, Adviser
 from joybridge.run.lengths import intervals_too_short, too_few_updates
+from joybridge.simulator import image
 from joybridge.simulator.catalog import load_games
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.games import PLACES
 
 LANES, STEPS = 50, 100
@@ -39,6 +41,20 @@ def said(adviser: Adviser, rollouts: int = ROLLOUTS) -> list[str]:
 @pytest.mark.parametrize("layout", ["hybrid", "bucket-5", "threshold-0.0"])
 def test_nothing_is_said_about_a_lively_policy(layout):
     assert said(lively(layout)[1], 2 * ROLLOUTS) == []
+
+
+def test_an_encoder_that_is_shared_in_spite_of_its_key_is_named_once():
+    behavior = SPEC.behaviors[0]
+    eye = pb.Behavior()
+    eye.CopyFrom(behavior)
+    eye.sensors.append(image("view", 16, 16))
+    spec = pb.GameSpec(name="hybrid", behaviors=[eye])
+    for body, lines in ((None, 1), (False, 0)):
+        policy = PolicyConfig(shared_encoder=False, shared_body=body, rollout_steps=STEPS)
+        (actor,) = make_actors(Config(game="hybrid", layout="bucket-5", policy=policy), spec)
+        adviser = Adviser(Policy(actor, eye, [0, 2]), eye)
+        found = [line for line in [*adviser.look(), *adviser.look()] if "shared_encoder=false does nothing" in line]
+        assert len(found) == lines
 
 
 def test_a_run_that_is_never_measured_or_less_often_than_it_says_is_named():

@@ -9,9 +9,11 @@ import subprocess
 import numpy as np
 import pytest
 
+from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import MemoryConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.policy.document import encode
+from joybridge.policy.exported import read_exported
 from tests.support.cpp_player import build_player
 from tests.support.exported_runs import (
     EXAMPLES,
@@ -147,6 +149,21 @@ def test_no_file_makes_the_javascript_runtime_act_without_numbers(policy, decisi
     command = ["node", "--input-type=module", "-e", program, tmp_path / "all.json", tmp_path / "decision.json"]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     assert len(said) == 1 + len(files) and said[0] == "answer" and set(said) == {"answer", "refused"}
+
+
+def test_a_small_file_that_claims_endless_arrays_is_refused_at_once(policy):
+    """One row of a grid or a table becomes a node of the model that plays the file."""
+    endless = {"shape": [10**9, 0], "float32": ""}
+    network = policy["policies"][0]
+    wrong = [policy | {"policies": [network | {"discrete": [{"branches": [0], "values": endless}]}]}]
+    if network["images"]:
+        image = network["images"][0]
+        for grid in (endless, {"shape": [3, 0], "float32": ""}, [1, 2]):
+            moments = [{"step": 1, "grid": grid}]
+            wrong.append(policy | {"policies": [network | {"images": [image | {"moments": moments}]}]})
+    for document in wrong:
+        with pytest.raises(ConfigError, match="is no exported policy"):
+            read_exported(json.dumps(document).encode(), "policy.json")
 
 
 def test_no_file_makes_the_python_runtime_act_without_numbers(policy, decision, tmp_path):

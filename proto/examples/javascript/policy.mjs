@@ -12,7 +12,7 @@
  */
 
 const CLIP = 3; // samples of a Gaussian beyond ±CLIP act like ±CLIP
-const FAINT = 0.1; // the mass whose place is half that of the middle
+const FAINT = 0.1; // what has this mass is placed half way between where it is and the middle
 const MAX_NUMBERS = 2 ** 24; // that a network remembers, and of an image
 const FORMAT = "joybridge.policy.v5";
 const sigmoid = (x) => 1 / (1 + Math.exp(-x));
@@ -172,9 +172,8 @@ function see(network, sensors, state) {
 }
 
 /** Return a frame as the network was trained with it. */
-function scale({ scaling }, frame) {
-  if (!scaling) return frame;
-  const { shift, scale, limit = Infinity } = scaling;
+function scale({ scaling: { shift, scale, limit = Infinity } = {} }, frame) {
+  if (!shift) return frame;
   return frame.map((x, index) => clip((x - shift[index]) * scale[index], -limit, limit));
 }
 
@@ -193,6 +192,7 @@ function encode({ shape: [height, width, channels], white, steps }, stack, activ
 /** Return x, then y, then mass of what each channel of an image finds. */
 function moments({ channels, values }, grid) {
   const [size, masses] = [grid.length / 2, values.map((x) => x * x)];
+  if (masses.length !== channels * size) throw new Error("the policy is damaged");
   const sums = [(k) => grid[k], (k) => grid[size + k], () => 1].map((share) =>
     Array.from({ length: channels }, (_, channel) =>
       masses.slice(channel * size, (channel + 1) * size).reduce((sum, mass, k) => sum + mass * share(k), 0),
@@ -264,6 +264,7 @@ function dense({ layers, activation, memory: recurrent }, inputs, before) {
 }
 
 function linear({ weight, bias }, given) {
+  if (weight.length !== bias.length * given.length) throw new Error("the policy is damaged");
   return bias.map((sum, row) => {
     for (let column = 0; column < given.length; column++) sum += weight[row * given.length + column] * given[column];
     return sum;
@@ -284,7 +285,7 @@ function press(share, threshold, count) {
 
 /** Return a part of the file with its arrays as numbers. */
 function decoded(part) {
-  if (!(part instanceof Object)) return part;
+  if (part === null || typeof part !== "object") return part;
   if (part.float32 !== undefined) return floats(part);
   if (Array.isArray(part)) return part.map(decoded);
   return Object.fromEntries(Object.entries(part).map(([key, value]) => [key, decoded(value)]));

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 CLIP = 3.0  # samples of a Gaussian beyond ±CLIP act like ±CLIP
 FORBIDDEN = -1e9  # a logit whose probability is 0
-FAINT = 0.1  # the mass whose place is half that of the middle
+FAINT = 0.1  # what has this mass is placed half way between where it is and the middle
 MAX_NUMBERS = 2**24  # that a policy remembers, and of a picture
 FORMAT = "joybridge.policy.v5"
 ACTIVATIONS = {

@@ -18,6 +18,7 @@ from joybridge.simulator.compiled import compiled
 
 PHASES = 4  # positions within a pixel, per direction, in which the background of a moving eye is filtered
 SAMPLES = 4  # per pixel and direction, of which the background is the mean
+TIE = 1e-6  # pixels
 COUNT_BITS = 8  # of a number of samples, which is at most SAMPLES * SAMPLES
 COUNT_MASK = 2**COUNT_BITS - 1
 
@@ -193,7 +194,9 @@ def _steps(pixels, phases, most):
 def _pixel(eye, window, x, y):
     """Return where in an image the place (x, y) is, in pixels; 0 is the middle of the first one."""
     column, row = (x - window.left) / eye.unit - 0.5, (window.top - y) / eye.unit - 0.5
-    return (math.floor(column + 0.5) + 0.0, math.floor(row + 0.5) + 0.0) if eye.rounded else (column, row)
+    if eye.rounded:  # what is half way goes to the same pixel with each rounding error
+        column, row = math.floor(column + 0.5 + TIE) + 0.0, math.floor(row + 0.5 + TIE) + 0.0
+    return column, row
 
 
 @compiled

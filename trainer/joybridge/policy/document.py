@@ -27,6 +27,7 @@ from joybridge.v1 import bridge_pb2 as pb
 Document = dict[str, Any]
 
 FORMAT = "joybridge.policy.v5"
+MAX_EMPTY = 2**16  # of the sizes of an array without numbers, which a file of no size may claim to be of any
 
 
 def make_document(actors: Sequence[Actor], behavior: pb.Behavior, *, deterministic: bool, about: Document) -> Document:
@@ -271,4 +272,7 @@ def _encode_array(array: Array) -> Document:
 def _decode_array(value: Document) -> Document | Array:
     if set(value) != {"shape", "float32"}:
         return value
-    return np.frombuffer(base64.b64decode(value["float32"]), "<f4").reshape(value["shape"])
+    array = np.frombuffer(base64.b64decode(value["float32"]), "<f4").reshape(value["shape"])
+    if array.size == 0 and sum(array.shape) > MAX_EMPTY:
+        raise ValueError(f"an array of shape {value['shape']} holds nothing")
+    return array

@@ -15,11 +15,6 @@ def check_network(role: Role, device: pb.Device, config: PolicyConfig, images: C
     check_maps(role.name, [form for _, form in space.maps], images)
     if config.frame_differences:
         check_differences(role.name, config.network, config.frame_stack, images)
-    if not config.shared_encoder and config.shares_body(space.continuous) and (images or config.network):
-        raise ConfigError(
-            f"{role.name}: shared_encoder=false does nothing where actor and critic share one body, as they do where "
-            "no action is continuous; set shared_body=false as well, or leave shared_encoder out"
-        )
     if config.network and space.maps:
         raise ConfigError(f"network: {config.network} has no maps for the layout; choose one without map-WxH")
     if config.network and config.remember_acts:

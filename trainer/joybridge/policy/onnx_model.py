@@ -169,9 +169,10 @@ class _Builder:
 
     def _moments(self, image: str, grid: Array) -> str:
         """Return x, y and mass of what each channel of an image [lanes, channels, height, width] finds."""
-        masses = self._reshape(self._node("Mul", image, image), [0, 0, -1])
+        x, y = grid
+        masses = self._reshape(self._node("Mul", image, image), [0, 0, len(x)])
         mass = self._node("ReduceSum", masses, self._constant([2], np.int64), keepdims=0)
-        places = [self._node("MatMul", masses, self._constant(row)) for row in grid]
+        places = [self._node("MatMul", masses, self._constant(row)) for row in (x, y)]
         total = self._node("Add", mass, self._constant(FAINT))
         share = self._node("Div", mass, self._node("Add", mass, self._constant(1)))
         return self._side_by_side([*(self._node("Div", place, total) for place in places), share])

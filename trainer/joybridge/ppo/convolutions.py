@@ -24,7 +24,7 @@ FIELDS = {
 }  # pixels of a side that one place of the last map depends on, all in all
 APART = 8  # pixels between two such places
 GAIN = 4.0  # of changes from frame to frame, which are small beside the pictures themselves
-FAINT = 0.1  # the mass of what a map finds that has half of its place, the other half is the middle
+FAINT = 0.1  # what has this mass is placed half way between where it is and the middle
 
 
 class Encoded(NamedTuple):
@@ -218,7 +218,7 @@ class Moments(nn.Module):
     def forward(self, values: Tensor) -> Tensor:
         """Return [n, 3 * channels] for [n, channels, height, width]: all x, all y, and all masses, as shares of 1."""
         # In the order of memory of convolutions, channels last: gradients in another one would slow theirs down.
-        masses = values.permute(0, 2, 3, 1).reshape(len(values), -1, values.shape[1]).square()
+        masses = values.permute(0, 2, 3, 1).flatten(1, 2).square()
         x, y, mass = (self.grid @ masses).unbind(dim=1)
         return torch.cat([x / (mass + FAINT), y / (mass + FAINT), mass / (mass + 1.0)], dim=1)
 

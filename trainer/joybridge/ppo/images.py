@@ -51,7 +51,7 @@ def find_images(policy: str, encoder: str, sensors: Sequence[pb.Sensor]) -> dict
         shapes = ", ".join(f"{sensor.name} {list(sensor.shape)}" for sensor in sensors)
         raise ConfigError(
             f"{policy}: image_encoder is {encoder}, but no sensor is an image of type uint8 and shape [height, width, "
-            f"channels] ({shapes}); leave image_encoder out"
+            f"channels] ({shapes}); set image_encoder=auto"
         )
     return images
 

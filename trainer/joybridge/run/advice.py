@@ -58,6 +58,12 @@ class Adviser:
         name = self._policy.actor.name
         if self._sensors:
             self._sensors = False
+            network = self._policy.actor.network
+            if network.encoders and network.critic is None and not self._policy.config.shared_encoder:
+                yield (
+                    f"{name}: shared_encoder=false does nothing, because actor and critic share one body; set "
+                    "shared_body=false as well, or leave shared_encoder out"
+                )
             for sensor, peak in self._far_sensors():
                 picture = sensor.dtype == pb.DTYPE_UINT8 and len(sensor.shape) > 1
                 yield (

@@ -94,7 +94,9 @@ struct EncoderStep {
 
 /// How much each channel of an image finds after a step, and where.
 struct Moments {
-  explicit Moments(const Json& moments) : step(moments["step"].place()), grid(moments["grid"].floats()) {}
+  explicit Moments(const Json& moments) : step(moments["step"].place()), grid(moments["grid"].floats()) {
+    require(moments["step"].there());
+  }
 
   /// Returns x, then y, then mass of each channel.
   std::vector<float> of(const Planes& seen) const {
@@ -119,7 +121,7 @@ struct Moments {
   std::size_t step;
 
  private:
-  static constexpr double FAINT = 0.1;  // the mass whose place is half that of the middle
+  static constexpr double FAINT = 0.1;  // what has this mass is placed half way between where it is and the middle
 
   std::vector<float> grid;
 };
