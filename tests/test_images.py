@@ -45,7 +45,9 @@ def test_images_are_found_by_their_shapes_and_others_are_refused():
     assert find_images("player", "auto", SENSORS) == {}  # the game does not call them images
     with pytest.raises(ConfigError, match=r"nature, which needs 36 x 36 pixels, but sensor 'camera' has 5 x 4; set im"):
         find_images("player", "nature", SENSORS)
-    with pytest.raises(ConfigError, match=r"type uint8 and shape \[.*\] \(place \[2\], table \[2, 2\]\); leave"):
+    with pytest.raises(
+        ConfigError, match=r"type uint8 and shape \[.*\] \(place \[2\], table \[2, 2\]\); set image_encoder=auto"
+    ):
         find_images("player", "impala", [SENSORS[0], SENSORS[2]])
 
 
