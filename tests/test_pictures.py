@@ -94,9 +94,8 @@ def test_a_part_of_a_pixel_that_a_bird_moves_shows_in_its_shades(positions, diff
     assert len(set(seen)) == different
 
 
-@pytest.mark.parametrize(
-    ("positions", "different"), [("exact", 8), ("rounded", 3)]
-)  # ground and bird, one after the other
+# With "rounded", ground and bird move once each, one after the other.
+@pytest.mark.parametrize(("positions", "different"), [("exact", 8), ("rounded", 3)])
 def test_a_pointer_that_moves_by_a_part_of_a_pixel_shifts_the_square_around_it(positions, different):
     game = clear_sky(observation="fovea", positions=positions)
     seen = []

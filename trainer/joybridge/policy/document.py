@@ -170,10 +170,11 @@ def _images(actor: Actor) -> list[Document]:
 
 def _moments(body: Convolutions, values: Tensor) -> Document:
     """Return after which steps moments are taken, and where the places of their maps are. values: any image."""
-    ends = _stage_ends(body, values)
-    grids = [moment.get_buffer("grid")[:2].numpy(force=True) for moment in body.moments]
-    moments = [{"step": step, "grid": grid} for step, grid in zip(ends, grids, strict=False)]
-    return {"moments": moments} if moments else {}
+    if not body.moments:
+        return {}
+    ends = zip(_stage_ends(body, values), body.moments, strict=True)
+    grids = {step: moment.get_buffer("grid")[:2].numpy(force=True) for step, moment in ends}
+    return {"moments": [{"step": step, "grid": grid} for step, grid in grids.items()]}
 
 
 def _body(actor: Actor, image: int) -> Convolutions:

@@ -17,11 +17,8 @@ from joybridge.ppo.observation_tensors import Observations
 FEATURES = 128  # of an image, with the encoder of windows, beside its moments
 WHITE = 255.0  # the byte that becomes 1
 WINDOWS_WHITE = 64.0  # the same with the encoder of windows, for pictures of which much is dark
-FIELDS = {
-    "windows": 16,
-    "moments": 16,
-    "nature": 36,
-}  # pixels of a side that one place of the last map depends on, all in all
+# Pixels of a side that one place of the last map depends on, all in all.
+FIELDS = {"windows": 16, "moments": 16, "nature": 36}
 APART = 8  # pixels between two such places
 GAIN = 4.0  # of changes from frame to frame, which are small beside the pictures themselves
 FAINT = 0.1  # what has this mass is placed half way between where it is and the middle
@@ -104,8 +101,8 @@ class Convolutions(nn.Module):
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
         n, frames, height, width, channels = stacks.shape
-        # In the order of memory in which convolutions are up to five times as fast, channels last, of which a reshaped
-        # view of several gray pictures is not. Divided in place, which costs half as much.
+        # In the order of memory in which convolutions are fastest, channels last; several gray pictures, merely
+        # reshaped, would not be in it. Divided in place, which costs half as much.
         bytes_ = stacks.permute(0, 2, 3, 1, 4).contiguous().view(n, height, width, frames * channels)
         pixels = bytes_.float().div_(self.white)
         maps = self.see(pixels)

@@ -7,13 +7,8 @@ from joybridge.config.errors import ConfigError
 from joybridge.layouts import Map
 from joybridge.v1 import bridge_pb2 as pb
 
-MIN_PIXELS = {
-    "windows": 16,
-    "moments": 16,
-    "simple": 1,
-    "nature": 36,
-    "impala": 1,
-}  # of each side, that an encoder needs
+# Of each side, that an encoder needs.
+MIN_PIXELS = {"windows": 16, "moments": 16, "simple": 1, "nature": 36, "impala": 1}
 
 
 class Image(NamedTuple):
