@@ -114,6 +114,11 @@ class Config(Checked):
         "stands for, each as PART or GAME.PART; others go by their names",
     )
     tell_game: bool = Field(False, description="let the policy know which of several games it plays")
+    share_by: Literal["arenas", "progress"] = Field(
+        "arenas",
+        description="how often each of several games is learned from: as often as it is played (arenas), or more often "
+        "while its rewards change (progress)",
+    )
     layout: str = Field(
         "hybrid",
         description="how policies map to the device: hybrid, bucket-N, bucket-N-mu, joint-N, ordinal-N, beta, "
@@ -205,10 +210,15 @@ class Config(Checked):
             raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
         wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []
         wrong += ["opponents"] if self.games and self.opponents.shares else []
-        wrong += [key for key in ("common_device", "tell_game") if getattr(self, key)] if not self.games else []
+        wrong += [] if self.games else [key for key in ("common_device", "tell_game") if getattr(self, key)]
+        wrong += ["share_by"] if not self.games and self.share_by != "arenas" else []
         if wrong:
             hint = f"write games.NAME.{wrong[0]}" if wrong[0] in OF_THE_GAME else "leave it out"
             raise ValueError(f"`{wrong[0]}` does not go with {'several games' if self.games else 'one game'}; {hint}")
+        if self.share_by == "progress" and not self.policy.scale_rewards:
+            raise ValueError("`share_by: progress` compares rewards of games; set policy.scale_rewards=true")
+        if self.share_by == "progress" and self.policy.memory.kind != "none":
+            raise ValueError("`share_by: progress` does not go with policy.memory; leave one of them out")
         if len(self.games) > self.arenas:
             raise ValueError(f"{self.arenas} arenas are too few for {len(self.games)} games")
         return self

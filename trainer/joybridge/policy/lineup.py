@@ -101,6 +101,7 @@ class Lineup:
     common: Common
     views: dict[str, View]
     spec: pb.GameSpec  # the common one
+    by_progress: bool  # see `share_by` of `Config`
 
     def lines(self) -> Iterator[str]:
         """Yield in lines what each part of the common device does in each game, and what the policy sees."""
@@ -183,7 +184,7 @@ def make_lineup(address: str, config: Config) -> Lineup:
         snapshot_bytes_per_arena=sum(saved) if all(saved) else 0,
         version=", ".join(f"{name} {spec.version}" for name, spec in specs.items())[:100],
     )
-    return Lineup(games, specs, common, views, spec)
+    return Lineup(games, specs, common, views, spec, config.share_by == "progress")
 
 
 def _metric(game: str, metric: str) -> str:

@@ -6,12 +6,14 @@ from itertools import pairwise
 import numpy as np
 
 from joybridge.config.arrays import select
+from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays, StepArrays, lane_count
 from joybridge.contract.tensors import Array
 from joybridge.layouts.conditions import Conditions, ConditionsOfGames
 from joybridge.policy.actor import Acted, Actor
 from joybridge.policy.encoder import final_observations, push_frames
 from joybridge.policy.episodes import Episodes
+from joybridge.policy.learning_progress import LearningProgress
 from joybridge.policy.lineup import Lineup
 from joybridge.ppo.carried import carried_from
 from joybridge.ppo.cloning import Cloning, minibatches, refresh
@@ -23,7 +25,7 @@ from joybridge.ppo.update import Learner
 from joybridge.v1 import bridge_pb2 as pb
 
 FIRST_SHARE = 0.1  # of penalties that counts at the beginning, if they grow
-SAMPLES, SHUFFLES, DEMONSTRATIONS = range(3)  # what random numbers are for
+SAMPLES, SHUFFLES, DEMONSTRATIONS, SHARES = range(4)  # what random numbers are for
 
 
 def random_numbers(seed: int, updates: int, purpose: int) -> np.random.Generator:
@@ -85,6 +87,7 @@ class Policy:
         self.notes_acts = self.conditions is not None or actor.past.size > 0
         self.returns = ReturnScale(self.lanes, self.config.gamma, kinds) if self.config.scale_rewards else None
         games = ([*lineup.games], kinds) if lineup and kinds is not None else None
+        self.learning = LearningProgress(*games) if games and lineup and lineup.by_progress else None
         self.episodes = Episodes(self.lanes, actor.metrics, drawn, games)
         self.demonstrated: Actions | None = None  # what it clones
         self._acted: dict[int, Acted] = {}  # what each group does until its outcome is known
@@ -174,7 +177,10 @@ class Policy:
         rollout = self.rollout
         if self.returns is None:
             return rollout.rewards
-        return self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
+        rewards = self.returns.scale(rollout.rewards, decided, rollout.terminated | rollout.truncated)
+        if self.learning is not None:
+            self.learning.watch(rewards, decided)
+        return rewards
 
     def next_values(self) -> Array:
         """Return the values of what follows the last outcome of each lane in the full rollout, [lanes].
@@ -185,6 +191,14 @@ class Policy:
         waiting = np.flatnonzero(rollout.pending >= 0)
         values[waiting] = rollout.values[rollout.pending[waiting], waiting]
         return values
+
+    def times(self, decided: Array) -> Array | None:
+        """Return how often each timestep of the rollout is learned from in an epoch, int [steps, lanes]; None: once."""
+        return None if self.learning is None else self.learning.times(decided, self._rng(SHARES))
+
+    def shares(self, times: Array | None) -> Row:
+        """Return the shares of several games in what is learned from, for a row of metrics, if they change."""
+        return {} if self.learning is None or times is None else self.learning.row(times)
 
     def shuffles(self) -> np.random.Generator:
         """Return the generator that shuffles the present rollout."""
@@ -225,6 +239,7 @@ class Policy:
             **{f"adam.{name}": array for name, array in self.learner.state().items()},
             **{f"episodes.{name}": array for name, array in self.episodes.state().items()},
             **({} if self.returns is None else {f"returns.{n}": array for n, array in self.returns.state().items()}),
+            **({} if self.learning is None else {f"shares.{n}": array for n, array in self.learning.state().items()}),
             "updates": np.array(self.updates),
             "observations": self.rollout.observations[0].copy(),
             "deciding": self.rollout.deciding[0].copy(),
@@ -240,6 +255,8 @@ class Policy:
         self.episodes.load(select(state, "episodes."))
         if self.returns is not None:
             self.returns.load(select(state, "returns."))
+        if self.learning is not None:
+            self.learning.load(select(state, "shares."))
         self.updates = int(state["updates"])
         _take(state["observations"], self.rollout.observations[0])
         _take(state["deciding"], self.rollout.deciding[0])

@@ -223,14 +223,25 @@ class RolloutBuffer:
         decided[self.pending[unknown], unknown] = False
         return decided
 
-    def batch(self, advantages: Array, decided: Array, length: int = 0, *, normalize: bool = True) -> Batch:
+    def batch(
+        self,
+        advantages: Array,
+        decided: Array,
+        length: int = 0,
+        times: Array | None = None,
+        *,
+        normalize: bool = True,
+    ) -> Batch:
         """Return the decided timesteps with these advantages [steps, lanes] as one flat batch.
 
-        length: of the longest sequence, with memory; the timesteps of a lane are then side by side. normalize: the
-        advantages, by their mean and deviation.
+        length: of the longest sequence, with memory; the timesteps of a lane are then side by side. times: how often
+        each timestep is in the batch, int [steps, lanes], without memory; None: once. normalize: the advantages, by
+        their mean and deviation.
         """
-        whole = decided.all() and self.memory is None
+        whole = decided.all() and self.memory is None and times is None
         places = np.nonzero(decided) if self.memory is None else np.nonzero(decided.T)[::-1]
+        if times is not None:
+            places = tuple(np.repeat(place, times[places]) for place in places)
 
         def flat(array: Array) -> torch.Tensor:
             return torch.from_numpy(array.reshape(decided.size, *array.shape[2:]) if whole else array[places])

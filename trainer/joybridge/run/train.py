@@ -114,7 +114,8 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
             time_horizon=config.time_horizon,
         )
         normalize = config.normalize_advantage == "rollout"
-        batch = rollout.batch(advantages, decided, config.memory.length, normalize=normalize)
+        times = policy.times(decided)
+        batch = rollout.batch(advantages, decided, config.memory.length, times, normalize=normalize)
         batch = batch.to(policy.actor.accelerator)
         coefficients = anneal(progress, config)
         try:
@@ -124,5 +125,6 @@ def learn(policy: Policy, progress: float, *, alone: bool = False) -> Row:
         except DivergedError as error:
             raise DivergedError(f"after update {policy.updates + 1:,}, {error}") from None
         statistics["value"] = float(rollout.values[decided].mean())
+        statistics |= policy.shares(times)
     policy.restart()
     return statistics
