@@ -1,8 +1,9 @@
 """Compare one policy for six games with a policy for each: `python -m tools.several --seeds 0,1,2`.
 
 All runs have the settings of `configs/several/six_numbers.yaml`. A policy of one game learns from 600,000 timesteps, a
-joint one from as many of all games together, or from six times as many. Runs in `runs/several` that are complete are
-not repeated. Writes `results/several/README.md` and the returns behind it, `returns.json`.
+joint one from as many of all games together, or from six times as many. In the first third of each run, penalties grow
+to their full size. Runs in `runs/several` that are complete are not repeated. Writes `results/several/README.md` and
+the scores behind it, `scores.json`.
 """
 
 import argparse
@@ -24,6 +25,8 @@ GAMES = ("shooting_birds", "beastly_rivals", "archer", "orchard", "marble", "cat
 TIMESTEPS = 600_000  # of a policy of one game
 EPISODES = 96  # of an evaluation: one in each arena
 RESAMPLES = 10_000
+# Metrics that count in place of the reward: from far away, catch_point pays more for wasted catches than for steering.
+SCORES = {"catch_point": "success"}
 SINGLE = "single"
 KINDS: dict[str, tuple[int, list[str]]] = {  # of joint runs: timesteps beside those of a single one, and what differs
     "joint": (1, []),
@@ -32,7 +35,7 @@ KINDS: dict[str, tuple[int, list[str]]] = {  # of joint runs: timesteps beside t
     "by progress, 6 times": (6, ["share_by=progress"]),
     "unscaled, 6 times": (6, ["policy.scale_rewards=false"]),
 }
-Results = dict[str, dict[str, dict[str, float]]]  # kind, game, seed: interquartile mean of the returns
+Results = dict[str, dict[str, dict[str, float]]]  # kind, game, seed: score
 
 
 def main() -> None:
@@ -52,7 +55,7 @@ def main() -> None:
                 for game, value in found.items():
                     results.setdefault(kind, {}).setdefault(game, {})[seed] = value
     RESULTS.mkdir(parents=True, exist_ok=True)
-    (RESULTS / "returns.json").write_text(json.dumps({"results": results, "speeds": speeds}, indent=1) + "\n")
+    (RESULTS / "scores.json").write_text(json.dumps({"results": results, "speeds": speeds}, indent=1) + "\n")
     (RESULTS / "README.md").write_text(page(results, speeds), encoding="utf-8")
 
 
@@ -66,20 +69,25 @@ def runs_of(kind: str) -> list[tuple[str, int, list[str]]]:
 def play(name: str, overrides: Sequence[str], end: int) -> tuple[dict[str, float], float]:
     """Train a run if it is not complete.
 
-    Return the interquartile mean of its returns in each of its games, and its timesteps per second.
+    Return its score in each of its games, and its timesteps per second. A score is the interquartile mean of the
+    returns, or the mean of a metric: see `SCORES`.
     """
     run = RUNS / name
     saved = checkpoints(run)
     if not saved or int(saved[-1].name) < end:
-        length = [f"total_timesteps={end}", f"log_interval={end // 20}"]
+        length = [f"total_timesteps={end}", f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}"]
         joybridge("train", str(CONFIG), "--run", str(run), *length, *overrides, *(["--resume"] if saved else []))
     known = run / "evaluation.json"
     if not known.exists():
         last = joybridge("evaluate", str(run), "--episodes", str(EPISODES), "--json").splitlines()[-1]
         known.write_text(last)
-    returns = {game: found["player"]["returns"] for game, found in json.loads(known.read_text()).items()}
+    played = {game: found["player"] for game, found in json.loads(known.read_text()).items()}
+    scores = {
+        game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
+        for game, each in played.items()
+    }
     last_row = read_rows(run / "metrics-player.csv")[-1]
-    return {game: _iqm(np.array(each)) for game, each in returns.items()}, last_row["timesteps"] / last_row["seconds"]
+    return scores, last_row["timesteps"] / last_row["seconds"]
 
 
 def joybridge(*words: str) -> str:
@@ -94,19 +102,17 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
     """Return the page about the results."""
     kinds = [kind for kind in results if kind != SINGLE]
     seeds = [*results[SINGLE][GAMES[0]]]
-    rows, shares = [], {kind: np.zeros((len(GAMES), len(seeds))) for kind in kinds}
+    scores = {
+        kind: np.array([[of_game[seed] for seed in seeds] for of_game in of_kind.values()])
+        for kind, of_kind in results.items()
+    }
+    single, rows = scores[SINGLE], []
     for number, game in enumerate(GAMES):
-        single = np.array([results[SINGLE][game][seed] for seed in seeds])
-        cells = [f"`{game}`", f"{single.mean():.2f}"]
-        for kind in kinds:
-            joint = np.array([results[kind][game][seed] for seed in seeds])
-            shares[kind][number] = joint / single.mean()
-            low, middle, high = ratio(joint, single)
-            interval = f" [{low:.0%}, {high:.0%}]" if len(seeds) > 1 else ""
-            cells.append(f"{joint.mean():.2f}, {middle:.0%}{interval}")
-        rows.append(f"| {' | '.join(cells)} |")
-    means = [f"{shares[kind].mean():.0%}" for kind in kinds]
-    worst = [f"{shares[kind].mean(axis=1).min():.0%}" for kind in kinds]
+        own = slice(number, number + 1)
+        cells = [f"{scores[kind][number].mean():.2f}, {share(scores[kind][own], single[own])}" for kind in kinds]
+        rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
+    means = [share(scores[kind], single) for kind in kinds]
+    worst = [f"{(scores[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
     pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
     lines = [
         "# One policy for six games, and one for each",
@@ -114,8 +120,9 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
         f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
         f"from numbers. A policy of one game has learned from {TIMESTEPS:,} timesteps; `joint` from as many of all six",
         "games together, the others from six times as many. A number is the mean over the seeds of the interquartile",
-        f"mean of {EPISODES} returns; beside it is its share of that of a policy for each game, with the",
-        f"95 % interval of a bootstrap over the seeds (n = {len(seeds)}; so few make it narrower than it should be).",
+        f"mean of {EPISODES} returns (`catch_point`: of the share of successes, as its rewards say little). Beside",
+        "it is its share of that of a policy for each game, with the 95 % interval of a bootstrap over the seeds",
+        f"(n = {len(seeds)}; so few make it narrower than it should be).",
         "",
         f"| game | a policy for each | {' | '.join(kinds)} |",
         f"| --- | --- |{' --- |' * len(kinds)}",
@@ -132,14 +139,16 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
     return "\n".join(lines)
 
 
-def ratio(joint: Array, single: Array) -> tuple[float, float, float]:
-    """Return the ratio of the means of runs between the ends of its 95 % interval: low, ratio, high."""
+def share(joint: Array, single: Array) -> str:
+    """Return the share of joint policies' scores in single ones', both [games, seeds]: a mean over games, as text."""
+    middle = (joint.mean(axis=1) / single.mean(axis=1)).mean()
+    seeds = joint.shape[1]
+    if seeds == 1:
+        return f"{middle:.0%}"
     rng = np.random.default_rng(0)
-    resampled = [
-        values[rng.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1) for values in (joint, single)
-    ]
-    low, high = np.quantile(resampled[0] / resampled[1], [0.025, 0.975])
-    return float(low), float(joint.mean() / single.mean()), float(high)
+    drawn = [scores[:, rng.integers(0, seeds, (RESAMPLES, seeds))].mean(axis=2) for scores in (joint, single)]
+    low, high = np.quantile((drawn[0] / drawn[1]).mean(axis=0), [0.025, 0.975])
+    return f"{middle:.0%} [{low:.0%}, {high:.0%}]"
 
 
 def _iqm(returns: Array) -> float:
