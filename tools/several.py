@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -25,15 +26,16 @@ GAMES = ("shooting_birds", "beastly_rivals", "archer", "orchard", "marble", "cat
 TIMESTEPS = 600_000  # of a policy of one game
 EPISODES = 96  # of an evaluation: one in each arena
 RESAMPLES = 10_000
+WIDTH = 120  # of the lines of the page
 # Metrics that count in place of the reward: from far away, catch_point pays more for wasted catches than for steering.
 SCORES = {"catch_point": "success"}
 SINGLE = "single"
-KINDS: dict[str, tuple[int, list[str]]] = {  # of joint runs: timesteps beside those of a single one, and what differs
-    "joint": (1, []),
-    "joint, 6 times": (6, []),
-    "told, 6 times": (6, ["tell_game=true"]),
-    "by progress, 6 times": (6, ["share_by=progress"]),
-    "unscaled, 6 times": (6, ["policy.scale_rewards=false"]),
+KINDS: dict[str, tuple[int, list[str], str]] = {  # of joint runs: timesteps beside a single one's, what differs, why
+    "joint": (1, [], ""),
+    "joint, 6 times": (6, [], ""),
+    "told, 6 times": (6, ["tell_game=true"], "knows which game it plays; the others have to see it"),
+    "by progress, 6 times": (6, ["share_by=progress"], "learns more often from games whose rewards change"),
+    "unscaled, 6 times": (6, ["policy.scale_rewards=false"], "has rewards as the games pay them"),
 }
 Results = dict[str, dict[str, dict[str, float]]]  # kind, game, seed: score
 
@@ -62,7 +64,8 @@ def main() -> None:
 def runs_of(kind: str) -> list[tuple[str, int, list[str]]]:
     """Return the runs of a kind and a seed: names, timesteps beside those of a single one, and what differs."""
     if kind != SINGLE:
-        return [(kind.replace(", ", "-").replace(" ", "-"), *KINDS[kind])]
+        times, more, _ = KINDS[kind]
+        return [(kind.replace(", ", "-").replace(" ", "-"), times, more)]
     return [(game, 1, [f"games.{other}=null" for other in GAMES if other != game]) for game in GAMES]
 
 
@@ -113,16 +116,22 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
         rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
     means = [share(scores[kind], single) for kind in kinds]
     worst = [f"{(scores[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
+    some = "" if kinds == [*KINDS] else f" --kinds '{';'.join(kinds)}'"
+    remarks = [f"- `{kind}` (`{' '.join(KINDS[kind][1])}`) {KINDS[kind][2]}." for kind in kinds if KINDS[kind][2]]
     pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
+    made = (
+        f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}{some}`: `{CONFIG}`, from numbers. "
+        f"A policy of one game has learned from {TIMESTEPS:,} timesteps; `joint` from as many of all six games "
+        "together, the others from six times as many. A number is the mean over the seeds of the interquartile mean of "
+        f"{EPISODES} returns (`catch_point`: of the share of successes, as its rewards say little). Beside it is its "
+        "share of that of a policy for each game, with the 95 % interval of a bootstrap over the seeds "
+        f"(n = {len(seeds)}; so few make it narrower than it should be). [Seed 0 of the second joint policy plays all "
+        "six](../videos/six-games.mp4) (`joybridge record runs/several/joint-6-times-s0 six-games.mp4 --seconds 8`)."
+    )
     lines = [
         "# One policy for six games, and one for each",
         "",
-        f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}`: `{CONFIG}`,",
-        f"from numbers. A policy of one game has learned from {TIMESTEPS:,} timesteps; `joint` from as many of all six",
-        "games together, the others from six times as many. A number is the mean over the seeds of the interquartile",
-        f"mean of {EPISODES} returns (`catch_point`: of the share of successes, as its rewards say little). Beside",
-        "it is its share of that of a policy for each game, with the 95 % interval of a bootstrap over the seeds",
-        f"(n = {len(seeds)}; so few make it narrower than it should be).",
+        fill(made, WIDTH, break_long_words=False, break_on_hyphens=False),
         "",
         f"| game | a policy for each | {' | '.join(kinds)} |",
         f"| --- | --- |{' --- |' * len(kinds)}",
@@ -130,10 +139,9 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
         f"| mean of the shares | | {' | '.join(means)} |",
         f"| worst game | | {' | '.join(worst)} |",
         "",
-        "`told` policies know which game they play (`tell_game`); the others have to see it. `by progress` learns more",
-        "often from games whose rewards change (`share_by`). `unscaled` leaves out `policy.scale_rewards`.",
-        "",
-        f"Timesteps per second, medians, on a shared machine whose load changed from run to run: {pace}.",
+        *([*remarks, ""] if remarks else []),
+        "Timesteps per second, medians, on a shared machine whose load changed from run to run:",
+        f"{pace}.",
         "",
     ]
     return "\n".join(lines)
