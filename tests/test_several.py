@@ -75,6 +75,15 @@ def test_arenas_are_divided_by_the_shares_with_one_for_each_game_at_least():
             },
             "`share_by: progress` does not go with policy.memory",
         ),
+        (
+            {
+                "games": {"a": {}},
+                "share_by": "progress",
+                "policy": {"scale_rewards": True},
+                "policies": {"player": {"memory": {"kind": "gru"}}},
+            },
+            "`share_by: progress` does not go with policy.memory",
+        ),
         ({"games": {"a.b": {}}}, "the name 'a.b' has other characters"),
         ({"games": {"a": {"share": 0}}}, "games.a.share: got 0"),
     ],

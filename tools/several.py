@@ -12,17 +12,19 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from textwrap import fill
 
 import numpy as np
 
 from joybridge.compare.estimators import interquartile_mean
+from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
 from joybridge.run.checkpoint import checkpoints
 
 CONFIG, RUNS, RESULTS = Path("configs/several/six_numbers.yaml"), Path("runs/several"), Path("results/several")
-GAMES = ("shooting_birds", "beastly_rivals", "archer", "orchard", "marble", "catch_point")
+GAMES = [*load_config(CONFIG).games]
 TIMESTEPS = 600_000  # of a policy of one game
 EPISODES = 96  # of an evaluation: one in each arena
 RESAMPLES = 10_000
@@ -44,13 +46,12 @@ def main() -> None:
     """Train what is missing, evaluate it, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
-    parser.add_argument("--kinds", default=";".join(KINDS), help="joint runs, with ; between them; default: all")
+    parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS], help="joint runs; default: all")
     options = parser.parse_args()
-    kinds = options.kinds.split(";")
     results: Results = {}
     speeds: dict[str, list[float]] = {}  # timesteps per second of the runs of each kind
     for seed in options.seeds.split(","):
-        for kind in (SINGLE, *kinds):
+        for kind in (SINGLE, *options.kinds):
             for run, times, more in runs_of(kind):
                 found, speed = play(f"{run}-s{seed}", [*more, f"seed={seed}"], times * TIMESTEPS)
                 speeds.setdefault(kind, []).append(speed)
@@ -116,9 +117,9 @@ def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
         rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
     means = [share(scores[kind], single) for kind in kinds]
     worst = [f"{(scores[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
-    some = "" if kinds == [*KINDS] else f" --kinds '{';'.join(kinds)}'"
+    some = "" if kinds == [*KINDS] else f" --kinds {' '.join(map(quote, kinds))}"
     remarks = [f"- `{kind}` (`{' '.join(KINDS[kind][1])}`) {KINDS[kind][2]}." for kind in kinds if KINDS[kind][2]]
-    pace = ", ".join(f"{kind} {np.median(values):,.0f}" for kind, values in speeds.items())
+    pace = "; ".join(f"{kind}: {np.median(values):,.0f}" for kind, values in speeds.items())
     made = (
         f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}{some}`: `{CONFIG}`, from numbers. "
         f"A policy of one game has learned from {TIMESTEPS:,} timesteps; `joint` from as many of all six games "
@@ -156,7 +157,7 @@ def share(joint: Array, single: Array) -> str:
     rng = np.random.default_rng(0)
     drawn = [scores[:, rng.integers(0, seeds, (RESAMPLES, seeds))].mean(axis=2) for scores in (joint, single)]
     low, high = np.quantile((drawn[0] / drawn[1]).mean(axis=0), [0.025, 0.975])
-    return f"{middle:.0%} [{low:.0%}, {high:.0%}]"
+    return f"{middle:.0%} [{low:z.0%}, {high:z.0%}]"
 
 
 def _iqm(returns: Array) -> float:

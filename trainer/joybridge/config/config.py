@@ -29,6 +29,7 @@ MAY_CHANGE = (  # in a resumed run
 )
 OF_THE_GAME = ("options", "parameters")
 OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_during")  # not of several
+OF_SEVERAL_GAMES = ("common_device", "tell_game", "share_by")
 # What a configuration may change when a policy plays.
 PLAYABLE_KEYS = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")
 
@@ -210,17 +211,27 @@ class Config(Checked):
             raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
         wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []
         wrong += ["opponents"] if self.games and self.opponents.shares else []
-        wrong += [] if self.games else [key for key in ("common_device", "tell_game") if getattr(self, key)]
-        wrong += ["share_by"] if not self.games and self.share_by != "arenas" else []
+        wrong += (
+            []
+            if self.games
+            else [key for key in OF_SEVERAL_GAMES if getattr(self, key) != type(self).model_fields[key].default]
+        )
         if wrong:
             hint = f"write games.NAME.{wrong[0]}" if wrong[0] in OF_THE_GAME else "leave it out"
             raise ValueError(f"`{wrong[0]}` does not go with {'several games' if self.games else 'one game'}; {hint}")
-        if self.share_by == "progress" and not self.policy.scale_rewards:
-            raise ValueError("`share_by: progress` compares rewards of games; set policy.scale_rewards=true")
-        if self.share_by == "progress" and self.policy.memory.kind != "none":
-            raise ValueError("`share_by: progress` does not go with policy.memory; leave one of them out")
         if len(self.games) > self.arenas:
             raise ValueError(f"{self.arenas} arenas are too few for {len(self.games)} games")
+        return self
+
+    @model_validator(mode="after")
+    def _progress_can_be_compared(self) -> Self:
+        """Refuse policies that cannot learn more often from some games than from others."""
+        for name in ("", *self.policies) if self.share_by == "progress" else ():  # "": those without keys of their own
+            config = self.policy_config(name)
+            if not config.scale_rewards:
+                raise ValueError("`share_by: progress` compares rewards of games; set policy.scale_rewards=true")
+            if config.memory.kind != "none":
+                raise ValueError("`share_by: progress` does not go with policy.memory; leave one of them out")
         return self
 
     @property

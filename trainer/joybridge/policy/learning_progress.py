@@ -7,9 +7,9 @@ import numpy as np
 from joybridge.config.metrics import Row
 from joybridge.contract.tensors import Array
 
-RATES = np.array([[0.1], [0.02]])  # of two averages of the rewards, per update: a fast one and a slow one
+RATES = np.array([0.1, 0.02])  # of two averages of the rewards, per update: a fast one and a slow one
 EVEN = 0.5  # the part of what is learned from that all games share, so that none is forgotten
-MOST = 2.0  # how often a timestep is learned from in an epoch, on average over its game
+MOST = 2.0  # times that a timestep is learned from in an epoch, as a mean over its game
 
 
 class LearningProgress:
@@ -24,20 +24,20 @@ class LearningProgress:
         """Begin without rewards. games: their names. kinds: which of them each lane plays, int [lanes]."""
         self._games, self._kinds = games, kinds
         self._averages = np.zeros((2, len(games)))  # fast, slow
-        self._updates = np.zeros((2, len(games)))  # that have counted
+        self._updates = np.zeros(len(games))  # that have counted
 
     def watch(self, rewards: Array, decided: Array) -> None:
         """Take the scaled rewards of a rollout, [steps, lanes], where something was decided."""
         for game in range(len(self._games)):
             own = rewards[:, self._kinds == game][decided[:, self._kinds == game]]
             if len(own):
-                self._updates[:, game] += 1
+                self._updates[game] += 1
                 # At first they are means of all that came, so that the zeros they begin with do not count.
-                rates = np.maximum(RATES[:, 0], 1.0 / self._updates[:, game])
+                rates = np.maximum(RATES, 1.0 / self._updates[game])
                 self._averages[:, game] += rates * (own.mean(dtype=float) - self._averages[:, game])
 
     def weights(self) -> Array:
-        """Return how often a timestep of each game is learned from in an epoch, beside 1 for all of them, [games]."""
+        """Return how often timesteps of each game are learned from in an epoch, as a mean over them, [games]."""
         fast, slow = self._averages
         distances = np.abs(fast - slow)
         if not distances.sum():
@@ -56,7 +56,7 @@ class LearningProgress:
 
     def row(self, times: Array) -> Row:
         """Return the share of each game in what is learned from, for a row of metrics."""
-        of_games = np.bincount(self._kinds, times.sum(axis=0), len(self._games)) / max(1, times.sum())
+        of_games = np.bincount(self._kinds, times.sum(axis=0), len(self._games)) / times.sum()
         return {f"{game}.share": float(share) for game, share in zip(self._games, of_games, strict=True)}
 
     def state(self) -> dict[str, Array]:
