@@ -211,11 +211,9 @@ class Config(Checked):
             raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
         wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []
         wrong += ["opponents"] if self.games and self.opponents.shares else []
-        wrong += (
-            []
-            if self.games
-            else [key for key in OF_SEVERAL_GAMES if getattr(self, key) != type(self).model_fields[key].default]
-        )
+        if not self.games:
+            fields = type(self).model_fields
+            wrong += [key for key in OF_SEVERAL_GAMES if getattr(self, key) != fields[key].default]
         if wrong:
             hint = f"write games.NAME.{wrong[0]}" if wrong[0] in OF_THE_GAME else "leave it out"
             raise ValueError(f"`{wrong[0]}` does not go with {'several games' if self.games else 'one game'}; {hint}")

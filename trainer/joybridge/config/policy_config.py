@@ -43,7 +43,8 @@ class PolicyConfig(Checked):
         None, pattern=CODE, description="MODULE:CLASS, a torch.nn.Module of your own from sensors to features"
     )
     shared_encoder: bool = Field(
-        True, description="actor and critic share the convolutions, or `network`; false: only if they share no body"
+        True,
+        description="actor and critic share the convolutions, or `network`; false: one each, if they share no body",
     )
     frame_stack: int = Field(3, ge=1, le=1000, description="observations it sees at once, oldest first")
     frame_differences: bool = Field(

@@ -173,8 +173,7 @@ def _moments(body: Convolutions, values: Tensor) -> Document:
     if not body.moments:
         return {}
     ends = zip(_stage_ends(body, values), body.moments, strict=True)
-    grids = {step: moment.get_buffer("grid")[:2].numpy(force=True) for step, moment in ends}
-    return {"moments": [{"step": step, "grid": grid} for step, grid in grids.items()]}
+    return {"moments": [{"step": step, "grid": each.get_buffer("grid")[:2].numpy(force=True)} for step, each in ends]}
 
 
 def _body(actor: Actor, image: int) -> Convolutions:
