@@ -245,13 +245,16 @@ def test_a_folder_that_is_none_is_refused(folder, capsys):
 @pytest.mark.parametrize("game", BUILT_IN)
 def test_the_configuration_for_a_running_server_suits_its_spec(simulator, game, folder, capsys):
     assert main(["new", "--for", simulator, "--game", game, "--folder", "there"]) == 0
-    config = load_config(Path(f"there/{game}.yaml"))
+    written = Path(f"there/{game}.yaml")
+    config = load_config(written)
     spec = describe(simulator, game, {})
     lanes = config.arenas * max(behavior.agents_per_arena for behavior in spec.behaviors)
     assert config.game == game and 32 <= lanes <= 64 and config.arenas <= spec.max_arenas
     assert config.policy.rollout_steps == config.policy.time_horizon <= (spec.max_episode_decisions or 60)
     train = f"train there/{game}.yaml --simulator {simulator} --run runs/{game}"
     assert typed(capsys.readouterr().out)[0].endswith(train)
+    written.write_text(written.read_text().replace("# penalty_ramp:", "penalty_ramp:"))  # what is proposed is a key
+    assert config.policy.penalty_ramp == 0 and load_config(written).policy.penalty_ramp == 100_000
 
 
 @pytest.mark.filterwarnings("ignore:The old environment creation API:DeprecationWarning")

@@ -5,6 +5,9 @@ from joybridge.v1 import bridge_pb2 as pb
 
 ROLLOUT = 60  # decisions, at most
 CELLS_ACROSS = 16  # of the map in which a pointer is placed
+NEVER_ACTS = """\
+  # penalty_ramp: 100000  # if it learns to do nothing because misses cost: timesteps over which penalties grow
+"""
 WIDE = """\
   log_std_init: 1.1       # axes are first tried over their whole range; 0: around the middle, which is safer to play
 """
@@ -58,7 +61,7 @@ policy:
   epochs: 3               # how often an update goes through its rollout; fewer if the reward breaks down
   learning_rate: 1.0e-3   # lower if the reward fluctuates
   entropy_coef: 0.01      # higher for more exploration; lower if the policy does not converge
-"""
+{NEVER_ACTS}"""
 
 
 def _of_numbers(spec: pb.GameSpec) -> str:
@@ -78,4 +81,4 @@ policy:
   learning_rate: 2.0e-3   # lower if the reward fluctuates
   target_kl: 0.03         # ends an update that changes the policy too much, as of a clone that is sure of its axes
   entropy_coef: 0.003     # higher for more exploration; lower if the policy does not converge
-{wide}"""
+{NEVER_ACTS}{wide}"""
