@@ -84,6 +84,7 @@ READERS = {
     "catch.py",
     "catch.yaml",
     "chimp_state.py",
+    "small_pong.py",
     "teach_chimp.py",
 }  # or of others
 CHECKOUT = re.compile(
