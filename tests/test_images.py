@@ -135,9 +135,11 @@ def test_threads_share_the_gradient_of_images(rows, terms):
         chosen = torch.ones(70, 1, dtype=torch.long)
         seen = Observations(normal((70, 3)), (torch.from_numpy(bytes_of((70, 1, 24, 24, 1))),))
         batch = Batch(seen, normal((70, 1)), chosen, None, *(normal(70) for _ in range(4)))
-        learner.weights.grad.fill_(7.0)  # whatever was there before must not matter
+        gradient = learner.weights.grad
+        assert gradient is not None
+        gradient.fill_(7.0)  # whatever was there before must not matter
         said.append(learner.gradient(batch, torch.arange(5, 5 + rows), Coefficients(1e-3, 0.2, 0.01, **terms)))
-        found.append(learner.weights.grad.clone())
+        found.append(gradient.clone())
     assert sorted(seen_rows) == ([21, 21, 22, 32, 32, 32, 32, 64] if rows == 64 else [1, 1, 1, 1])
     assert torch.equal(found[1], found[2]) and said[1].tobytes() == said[2].tobytes()
     for each in (1, 3):

@@ -5,6 +5,7 @@ python -m tools.bench_pygame
 CPU time is measured, as other work on the machine then matters less than for time by the clock. Linux only.
 """
 
+import argparse
 import json
 import sys
 import tempfile
@@ -39,6 +40,7 @@ HOOK = "def state(program):\n    return [0.0]\n"  # without it a program cannot 
 
 def main() -> int:
     """Print the figures."""
+    argparse.ArgumentParser(prog="python -m tools.bench_pygame", description=__doc__.splitlines()[0]).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         empty, hook = Path(folder, "empty.py"), Path(folder, "hook.py")
         empty.write_text(EMPTY)

@@ -3,6 +3,7 @@
 They bring dozens of packages, so they are installed into a folder of their own, beside the environment that runs this.
 """
 
+import argparse
 import json
 import os
 import subprocess
@@ -61,6 +62,8 @@ print(json.dumps({"mlflow": mlflow, "wandb": wandb, "about": about}))
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check both and return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m tools.check_sinks", description=__doc__.splitlines()[0])
+    parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
         try:
             folder = Path(temporary)

@@ -5,6 +5,7 @@ python -m tools.contact_sheet
 The levels are the first ones of the training set. What moves is where a few seconds without an action have left it.
 """
 
+import argparse
 from pathlib import Path
 from typing import Any
 
@@ -41,5 +42,6 @@ def draw_levels(name: str) -> Image.Image:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m tools.contact_sheet", description=__doc__.splitlines()[0]).parse_args()
     for name in DECISIONS:
         draw_levels(name).save(FOLDER / f"levels-{name}.webp", quality=80, method=6)

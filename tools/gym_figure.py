@@ -3,6 +3,7 @@
 python -m tools.gym_figure
 """
 
+import argparse
 from collections import defaultdict
 from math import ceil
 from pathlib import Path
@@ -23,6 +24,7 @@ COLUMNS = 3
 
 def main() -> None:
     """Draw the figure."""
+    argparse.ArgumentParser(prog="python -m tools.gym_figure", description=__doc__.splitlines()[0]).parse_args()
     seeds: dict[str, list[list[Row]]] = defaultdict(list)  # of each configuration, the rows of each seed and policy
     for name, cells in sorted(read_table(ROOT / "results/gym").items(), key=lambda item: str(item[0].run)):
         seeds[name.run.experiment].append(numbers(cells))

@@ -7,6 +7,7 @@ accelerator, each with its own index. `uv` is installed into `.venv-hashes` once
 Exit status: that of `uv`; 77 where it cannot be had.
 """
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,7 @@ HEAD = """\
 
 def main() -> int:
     """Write hashes.txt and return the exit status."""
+    argparse.ArgumentParser(prog="python -m tools.hashes", description=__doc__.splitlines()[0]).parse_args()
     commands = [[sys.executable, "-m", "venv"], [str(ENVIRONMENT / "bin/python"), "-m", "pip", "install", "--quiet"]]
     for command, what in zip(commands, (str(ENVIRONMENT), "uv>=0.8"), strict=True):
         if not (ENVIRONMENT / "bin/uv").exists() and subprocess.run([*command, what], check=False).returncode:

@@ -6,7 +6,7 @@ A line is a whole game: the policy's likeliest moves against one sequence of the
 many lines there are, and how many of them the policy loses.
 """
 
-import sys
+import argparse
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -52,7 +52,9 @@ def player(run: Path) -> Callable[[int, int], int]:
 
 def main() -> None:
     """Run the command line."""
-    for run in sys.argv[1:]:
+    parser = argparse.ArgumentParser(prog="python -m tools.noughts", description=__doc__.splitlines()[0])
+    parser.add_argument("run", nargs="+", help="folder of a run")
+    for run in parser.parse_args().run:
         count, lost = lines(player(Path(run)))
         print(f"{run}: loses {lost} of {count} lines")
 
