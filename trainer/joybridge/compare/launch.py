@@ -121,7 +121,7 @@ def different_bodies(variants: Sequence[Variant], specs: Sequence[pb.GameSpec]) 
             bodies.setdefault(tuple(sorted(shared)), []).append(variant.label)
     if len(bodies) < 2:
         return ""
-    words = {(False,): "have a body each", (True,): "share one", (False, True): "do either, by policy"}
+    words = {(False,): "have a body each", (True,): "share one", (False, True): "share one in some of the policies"}
     said = "; ".join(f"{words[shared]} in {listed(labels)}" for shared, labels in sorted(bodies.items()))
     return (
         f"the variants differ in their networks, too: actor and critic {said}. With policy.shared_body=false behind "
