@@ -14,13 +14,11 @@ from joybridge.config.metrics import STATISTICS
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.contract.tensors import Array
 from joybridge.ppo.cloning import Cloning, add_cloning_gradient
-from joybridge.ppo.convolutions import ImageEncoder
 from joybridge.ppo.fast.adam import adam_step
 from joybridge.ppo.fast.gradient import ClosedFormGradient
 from joybridge.ppo.loss import Batch, LossGradient, acted_log_probs, autograd_gradient
 from joybridge.ppo.networks import Network, flatten_parameters
 from joybridge.ppo.own import load_term
-from joybridge.ppo.parts import GradientInParts
 from joybridge.ppo.schedule import Coefficients
 
 KL = STATISTICS.index("approx_kl")
@@ -58,11 +56,11 @@ class Learner:
             "exp_avg_sq": torch.zeros_like(self.weights, requires_grad=False),
         }
         self.closed = not (autograd or network.distributions or network.encoders or network.state_size)
-        self.gradient: LossGradient = partial(autograd_gradient, network, threads=threads)
-        if self.closed:
-            self.gradient = ClosedFormGradient(network, threads)
-        elif threads > 1 and can_be_divided(network):
-            self.gradient = GradientInParts(network, threads)
+        self.gradient: LossGradient = (
+            ClosedFormGradient(network, threads)
+            if self.closed
+            else partial(autograd_gradient, network, threads=threads)
+        )
         parts = [*branches, *(gaussians if network.distributions else ())]  # whose entropies the gradient returns
         self.statistics = [*STATISTICS, *(f"entropy_{name}" for name in parts)]
 
@@ -186,12 +184,6 @@ def ppo_update(
         "grad_norm": float(norm),  # of the last minibatch, before it was clipped
         "learning_rate": coefficients.learning_rate,
     }
-
-
-def can_be_divided(network: Network) -> bool:
-    """Return whether `GradientInParts` can compute the gradient: networks of a user's own may depend on all rows."""
-    ours = all(isinstance(encoder, ImageEncoder) for encoder in network.encoders)
-    return ours and not network.state_size and network.value_bias.device.type == "cpu"
 
 
 def not_finite(learner: Learner, statistics: dict[str, float]) -> list[str]:
