@@ -189,6 +189,7 @@ def page(study: Study) -> str:
         + table(["change", *head], changed)
         + "\n\n## From the screen\n\n"
         f"Policies of `{SCREEN}`, which see two pictures and no number, after {SEEN:,} timesteps.\n"
+        "Their rollouts had 50 decisions and were learned from twice, in minibatches of 1,024.\n"
         f"{SCREEN_EPISODES} episodes of each set.\n\n" + table(["levels trained on", *head], screen) + TRIED
     )
 
