@@ -1,11 +1,11 @@
 """Training from pictures beside training from numbers, and beside Stable-Baselines3 on the same pictures, in turns.
 
-    python -m tools.bench_sight [--turns N]
+    python -m tools.bench_sight [--turns N] [KEY=VALUE ...]
 
 The configuration shooting_birds/screen is measured as it is, with two squares and two threads. Beside
 Stable-Baselines3, the pictures are the screen of Shooting Birds, 64 x 40 gray pixels, which it sees through
-joybridge.gym with its NatureCNN; both learn in one thread with the settings of that configuration: arenas, rollouts,
-minibatches and epochs.
+joybridge.gym with its NatureCNN; both learn with the settings of that configuration: arenas, rollouts, minibatches and
+epochs, but in one thread, and as KEY=VALUE says.
 """
 
 import argparse
@@ -22,12 +22,12 @@ from stable_baselines3.common.vec_env import VecExtractDictObs
 from joybridge.client.launch import simulator_process
 from joybridge.config.config import Config, load_config
 from joybridge.gym.sb3 import BridgeVecEnv
-from joybridge.ppo.threads import use_one_thread
+from joybridge.ppo.threads import in_threads, use_one_thread
 from joybridge.run.train import train
 from joybridge.run.training import Audience
 from tools.bench.measure import CONFIGS, children, machine, megabytes
 
-SCREEN = ["options.observation=screen", "policy.threads=1"]  # as many threads as the others have
+SCREEN = ["options.observation=screen", "policy.threads=1"]
 ROLLOUTS = 8  # of a turn, after the first, in which everything is compiled
 
 
@@ -82,20 +82,23 @@ def main() -> None:
     """Run the command line."""
     parser = argparse.ArgumentParser(description="Compare training from pictures with others, in turns.")
     parser.add_argument("--turns", type=int, default=5, help="default %(default)s")
-    turns = parser.parse_args().turns
+    parser.add_argument("settings", nargs="*", metavar="KEY=VALUE", help="of both that see the screen")
+    options = parser.parse_args()
+    screen = [*SCREEN, *options.settings]
     print(machine(), flush=True)
-    use_one_thread()  # both learn faster so on two cores, which a simulator shares
-    config = load_config(CONFIGS / "shooting_birds/screen.yaml", SCREEN)
+    use_one_thread()
+    config = load_config(CONFIGS / "shooting_birds/screen.yaml", screen)
     model = sb3(config)
     steps = ROLLOUTS * config.arenas * config.policy.rollout_steps
     rates: dict[str, list[float]] = {"two squares": [], "numbers": [], "screen": [], "Stable-Baselines3": []}
-    for _ in range(turns):
+    for _ in range(options.turns):
         rates["two squares"].append(ours("shooting_birds/screen", [])[0])
-        rate, trainer, simulator = ours("shooting_birds/screen", SCREEN)
+        rate, trainer, simulator = ours("shooting_birds/screen", screen)
         rates["screen"].append(rate)
         rates["numbers"].append(ours("shooting_birds/bucket-11", [])[0])
         begin = time.perf_counter()
-        model.learn(steps, reset_num_timesteps=False)
+        with in_threads(config.policy.threads):
+            model.learn(steps, reset_num_timesteps=False)
         rates["Stable-Baselines3"].append(steps / (time.perf_counter() - begin))
         print(", ".join(f"{name} {each[-1]:,.0f}" for name, each in rates.items()), flush=True)
     for mine, theirs in (("two squares", "numbers"), ("screen", "numbers"), ("screen", "Stable-Baselines3")):
