@@ -58,6 +58,26 @@ def test_what_a_game_calls_an_image_is_one_without_a_word_in_the_configuration()
     assert find_images("player", "none", sensors) == {}
 
 
+def test_black_images_have_the_features_and_the_gradient_that_each_of_them_would_have():
+    body = Convolutions("moments", Image(24, 20, 1), 2, "relu")
+    with torch.no_grad():
+        for parameter in body.parameters():  # biases that are not 0 give black images features of their own
+            parameter.add_(0.1)
+    stacks = torch.from_numpy(bytes_of((7, 2, 24, 20, 1)))
+    stacks[[0, 3, 6]] = 0
+    stacks[5, 0] = 0  # only one of its pictures is black
+    found = []
+    for parts in ([stacks], stacks.split(1)):  # all at once, or one after the other
+        body.zero_grad()
+        features = torch.cat([body(part)[0] for part in parts])
+        (features**2).mean().backward()
+        found.append((features.detach(), [parameter.grad for parameter in body.parameters()]))
+    torch.testing.assert_close(*found)
+    assert torch.equal(found[0][0][0], found[0][0][3]) and not torch.equal(found[0][0][0], found[0][0][1])
+    assert all(len(values) == 7 for values in body(stacks)[1])
+    assert body(torch.zeros_like(stacks))[0].shape == (7, body.features)
+
+
 @pytest.mark.parametrize("kind", MIN_PIXELS)
 def test_each_encoder_sees_the_smallest_image_that_it_is_said_to(kind):
     size = MIN_PIXELS[kind]

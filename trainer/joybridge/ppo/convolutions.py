@@ -99,7 +99,18 @@ class Convolutions(nn.Module):
         self.features += sum(Moments.NUMBERS * channels for channels, _, _ in found)
 
     def forward(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels]."""
+        """Return features [n, features] and what each stage returns, for bytes [n, frames, height, width, channels].
+
+        All stacks that are black count as one: of several games, those without this image have nothing else.
+        """
+        bright = stacks.flatten(1).amax(dim=1) > 0
+        if len(stacks) - int(bright.sum()) < 2:
+            return self._encode(stacks)
+        features, maps = self._encode(torch.cat([torch.zeros_like(stacks[:1]), stacks[bright]]))
+        places = bright.cumsum(0) * bright  # black ones have the first place
+        return features[places], [values[places] for values in maps]
+
+    def _encode(self, stacks: Tensor) -> tuple[Tensor, list[Tensor]]:
         n, frames, height, width, channels = stacks.shape
         # In the order of memory in which convolutions are fastest, channels last; several gray pictures, merely
         # reshaped, would not be in it. Divided in place, which costs half as much.
