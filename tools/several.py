@@ -1,19 +1,18 @@
 """Compare one policy for six games with a policy for each: `python -m tools.several --seeds 0,1,2`.
 
-All runs have the settings of `configs/several/six_numbers.yaml`. A policy of one game learns from 600,000 timesteps, a
-joint one from as many of all games together, or from six times as many. In the first third of each run, penalties grow
-to their full size. Runs in `runs/several` that are complete are not repeated. Writes `results/several/README.md` and
-the scores behind it, `scores.json`.
+All runs have the settings of `configs/several/six_numbers.yaml`, or of `six_pictures.yaml`. In the first third of each
+run, penalties grow to their full size. Runs in `runs/CONFIG` that are complete are not repeated. Adds scores to a JSON
+file in `results/several`, and writes the page about all that are there.
 """
 
 import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from shlex import quote
 from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,75 +22,188 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
 from joybridge.run.checkpoint import checkpoints
 
-CONFIG, RUNS, RESULTS = Path("configs/several/six_numbers.yaml"), Path("runs/several"), Path("results/several")
-GAMES = [*load_config(CONFIG).games]
-TIMESTEPS = 600_000  # of a policy of one game
-EPISODES = 96  # of an evaluation: one in each arena
+CONFIGS, RUNS, RESULTS = Path("configs/several"), Path("runs"), Path("results/several")
+PAGES = {"six_numbers": "README", "six_pictures": "pictures"}  # by configuration
+TIMESTEPS = 600_000  # of a policy of one game whose share is 1
+EPISODES = 96  # of an evaluation
 RESAMPLES = 10_000
 WIDTH = 120  # of the lines of the page
 # Metrics that count in place of the reward: from far away, catch_point pays more for wasted catches than for steering.
 SCORES = {"catch_point": "success"}
-SINGLE = "single"
-KINDS: dict[str, tuple[int, list[str], str]] = {  # of joint runs: timesteps beside a single one's, what differs, why
-    "joint": (1, [], ""),
-    "joint, 6 times": (6, [], ""),
-    "told, 6 times": (6, ["tell_game=true"], "knows which game it plays; the others have to see it"),
-    "by progress, 6 times": (6, ["share_by=progress"], "learns more often from games whose rewards change"),
-    "unscaled, 6 times": (6, ["policy.scale_rewards=false"], "has rewards as the games pay them"),
+# What differs when a game is played alone. Each arena of chimp is a process, so a hundred would be too many.
+ALONE = {"chimp": ["arenas=16", "policy.minibatch_size=100"]}
+
+VIDEOS = {
+    "six_numbers": " [Seed 0 of the second joint policy plays all six](../videos/six-games.mp4) (`joybridge record "
+    "runs/six_numbers/joint-6-s0 six-games.mp4 --seconds 8`)."
 }
-Results = dict[str, dict[str, dict[str, float]]]  # kind, game, seed: score
+
+
+class Kind(NamedTuple):
+    """A kind of joint runs."""
+
+    times: int  # of the timesteps of a policy of one game
+    changes: Sequence[str] = ()
+    why: str = ""
+    beside: int = 1  # of the timesteps of a policy of one game: of those that it is compared with
+
+    @property
+    def run(self) -> str:
+        """Return the name of its runs, but for the seed."""
+        return "-".join(["joint", str(self.times), *(change.partition("=")[0] for change in self.changes)])
+
+
+KINDS = {
+    "joint": Kind(1),
+    "joint, 6 times": Kind(6),
+    "told, 6 times": Kind(6, ["tell_game=true"], "knows which game it plays; the others have to see it"),
+    "by progress, 6 times": Kind(6, ["share_by=progress"], "learns more often from games whose rewards change"),
+    "unscaled, 6 times": Kind(6, ["policy.scale_rewards=false"], "has rewards as the games pay them"),
+    "joint, 6 times as long": Kind(6, beside=6),
+}
+SPEED = "timesteps per second"  # of a run: begins the name of a column beside those of games
+Scores = dict[str, dict[str, dict[str, float]]]  # kind, game, seed: score
 
 
 def main() -> None:
     """Train what is missing, evaluate it, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--config", choices=[*PAGES], default="six_numbers", help="default %(default)s")
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS], help="joint runs; default: all")
     options = parser.parse_args()
-    results: Results = {}
-    speeds: dict[str, list[float]] = {}  # timesteps per second of the runs of each kind
+    study, known = Study(options.config), RESULTS / f"{options.config}.json"
+    scores: Scores = json.loads(known.read_text()) if known.exists() else {}
     for seed in options.seeds.split(","):
-        for kind in (SINGLE, *options.kinds):
-            for run, times, more in runs_of(kind):
-                found, speed = play(f"{run}-s{seed}", [*more, f"seed={seed}"], times * TIMESTEPS)
-                speeds.setdefault(kind, []).append(speed)
-                for game, value in found.items():
-                    results.setdefault(kind, {}).setdefault(game, {})[seed] = value
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    (RESULTS / "scores.json").write_text(json.dumps({"results": results, "speeds": speeds}, indent=1) + "\n")
-    (RESULTS / "README.md").write_text(page(results, speeds), encoding="utf-8")
+        for kind in (*single_kinds(options.kinds), *options.kinds):
+            for run, end, changes in study.runs(kind):
+                found, speed = study.play(f"{run}-s{seed}", end, [*changes, f"seed={seed}"])
+                for column, value in {**found, f"{SPEED} of {run}": speed}.items():
+                    scores.setdefault(kind, {}).setdefault(column, {})[seed] = value
+    known.write_text(json.dumps(scores, indent=1) + "\n")
+    (RESULTS / f"{PAGES[options.config]}.md").write_text(study.page(scores), encoding="utf-8")
 
 
-def runs_of(kind: str) -> list[tuple[str, int, list[str]]]:
-    """Return the runs of a kind and a seed: names, timesteps beside those of a single one, and what differs."""
-    if kind != SINGLE:
-        times, more, _ = KINDS[kind]
-        return [(kind.replace(", ", "-").replace(" ", "-"), times, more)]
-    return [(game, 1, [f"games.{other}=null" for other in GAMES if other != game]) for game in GAMES]
+def single_kinds(kinds: Sequence[str]) -> list[str]:
+    """Return the kinds of policies of one game that joint ones are compared with."""
+    return [single_kind(times) for times in sorted({KINDS[kind].beside for kind in kinds})]
 
 
-def play(name: str, overrides: Sequence[str], end: int) -> tuple[dict[str, float], float]:
-    """Train a run if it is not complete.
+def single_kind(times: int) -> str:
+    """Return the kind of policies of one game that learn so many times as long as the shortest."""
+    return "a policy for each" + (f", {times} times" if times > 1 else "")
 
-    Return its score in each of its games, and its timesteps per second. A score is the interquartile mean of the
-    returns, or the mean of a metric: see `SCORES`.
-    """
-    run = RUNS / name
-    saved = checkpoints(run)
-    if not saved or int(saved[-1].name) < end:
-        length = [f"total_timesteps={end}", f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}"]
-        joybridge("train", str(CONFIG), "--run", str(run), *length, *overrides, *(["--resume"] if saved else []))
-    known = run / "evaluation.json"
-    if not known.exists():
-        last = joybridge("evaluate", str(run), "--episodes", str(EPISODES), "--json").splitlines()[-1]
-        known.write_text(last)
-    played = {game: found["player"] for game, found in json.loads(known.read_text()).items()}
-    scores = {
-        game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
-        for game, each in played.items()
-    }
-    last_row = read_rows(run / "metrics-player.csv")[-1]
-    return scores, last_row["timesteps"] / last_row["seconds"]
+
+class Study:
+    """The runs of one configuration, and the page about them."""
+
+    def __init__(self, name: str) -> None:
+        """Take the name of a configuration of several games."""
+        self.config, self.folder = CONFIGS / f"{name}.yaml", RUNS / name
+        self.shares = {game: one.share for game, one in load_config(self.config).games.items()}
+
+    def runs(self, kind: str) -> list[tuple[str, int, list[str]]]:
+        """Return the runs of a kind and a seed: names, timesteps, and what differs from the configuration."""
+        if kind in KINDS:
+            found = KINDS[kind]
+            end = round(found.times * TIMESTEPS * sum(self.shares.values()) / len(self.shares))
+            return [(found.run, end, [*found.changes])]
+        times = next(each.beside for each in KINDS.values() if single_kind(each.beside) == kind)
+        return [
+            (
+                f"{game}-{times}",
+                round(times * TIMESTEPS * share),
+                [*(f"games.{other}=null" for other in self.shares if other != game), *ALONE.get(game, [])],
+            )
+            for game, share in self.shares.items()
+        ]
+
+    def play(self, name: str, end: int, changes: Sequence[str]) -> tuple[dict[str, float], float]:
+        """Train a run if it is not complete.
+
+        Return its score in each of its games, and its timesteps per second. A score is the interquartile mean of the
+        returns, or the mean of a metric: see `SCORES`.
+        """
+        run = self.folder / name
+        saved = checkpoints(run)
+        if not saved or int(saved[-1].name) < end:
+            length = [f"total_timesteps={end}", f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}"]
+            joybridge("train", str(self.config), "--run", str(run), *length, *changes, *(["--resume"] if saved else []))
+        known = run / "evaluation.json"
+        if not known.exists():
+            last = joybridge("evaluate", str(run), "--episodes", str(EPISODES), "--json").splitlines()[-1]
+            known.write_text(last)
+        played = {game: found["player"] for game, found in json.loads(known.read_text()).items()}
+        scores = {
+            game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
+            for game, each in played.items()
+        }
+        last_row = read_rows(run / "metrics-player.csv")[-1]
+        return scores, last_row["timesteps"] / last_row["seconds"]
+
+    def page(self, scores: Scores) -> str:
+        """Return the page about some scores."""
+        kinds = [kind for kind in KINDS if kind in scores]
+        fewer = [f", of `{game}` {round(TIMESTEPS * own):,}" for game, own in self.shares.items() if own != 1]
+        alone = [
+            f" Alone, `{game}` has `{' '.join(changes)}`." for game, changes in ALONE.items() if game in self.shares
+        ]
+        success = [f" (`{game}`: of the share of successes)" for game in self.shares if game in SCORES]
+        made = (
+            f"Made in the checkout by `python -m tools.several --config {self.config.stem}`: `{self.config}`. A policy "
+            f"of one game has learned from {TIMESTEPS:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all "
+            f"six together have, the others from all of it. A number is the mean over n seeds of the interquartile "
+            f"mean of {EPISODES} returns{''.join(success)}. Beside it is its share of that of a policy for each game, "
+            f"with the 95 % interval of a bootstrap over the seeds, which so few make narrower than it should be."
+            f"{''.join(alone)}{VIDEOS.get(self.config.stem, '')}"
+        )
+        remarks = [
+            f"- `{kind}` (`{' '.join(KINDS[kind].changes)}`) {KINDS[kind].why}." for kind in kinds if KINDS[kind].why
+        ]
+        tables = []
+        for times in sorted({KINDS[kind].beside for kind in kinds}):
+            beside = [kind for kind in kinds if KINDS[kind].beside == times]
+            tables += [*self._table(scores, beside, single_kind(times)), ""]
+        speeds = {
+            kind: [each for column, values in of_kind.items() if column.startswith(SPEED) for each in values.values()]
+            for kind, of_kind in scores.items()
+        }
+        pace = [f"{kind}: {np.median(values):,.0f}" for kind, values in speeds.items()]
+        lines = [
+            "# One policy for six games, and one for each",
+            "",
+            fill(made, WIDTH, break_long_words=False, break_on_hyphens=False),
+            "",
+            *tables,
+            *([*remarks, ""] if remarks else []),
+            "Timesteps per second, medians, on shared machines whose load changed from run to run:",
+            f"{'; '.join(pace)}.",
+            "",
+        ]
+        return "\n".join(lines)
+
+    def _table(self, scores: Scores, kinds: Sequence[str], beside: str) -> list[str]:
+        """Return the rows of a table that compares kinds with policies of one game."""
+        games = [*self.shares]
+        found = {
+            kind: np.array([[*scores[kind][game].values()] for game in games])  # [games, seeds]
+            for kind in (beside, *kinds)
+        }
+        single, rows = found[beside], []
+        for number, game in enumerate(games):
+            own = slice(number, number + 1)
+            cells = [f"{found[kind][number].mean():.2f}, {share(found[kind][own], single[own])}" for kind in kinds]
+            rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
+        means = [share(found[kind], single) for kind in kinds]
+        worst = [f"{(found[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
+        heads = [f"{kind} (n = {each.shape[1]})" for kind, each in found.items()]
+        return [
+            f"| game | {' | '.join(heads)} |",
+            f"| --- |{' --- |' * len(heads)}",
+            *rows,
+            f"| mean of the shares | | {' | '.join(means)} |",
+            f"| worst game | | {' | '.join(worst)} |",
+        ]
 
 
 def joybridge(*words: str) -> str:
@@ -102,60 +214,16 @@ def joybridge(*words: str) -> str:
     return done.stdout
 
 
-def page(results: Results, speeds: Mapping[str, Sequence[float]]) -> str:
-    """Return the page about the results."""
-    kinds = [kind for kind in results if kind != SINGLE]
-    seeds = [*results[SINGLE][GAMES[0]]]
-    scores = {
-        kind: np.array([[of_game[seed] for seed in seeds] for of_game in of_kind.values()])
-        for kind, of_kind in results.items()
-    }
-    single, rows = scores[SINGLE], []
-    for number, game in enumerate(GAMES):
-        own = slice(number, number + 1)
-        cells = [f"{scores[kind][number].mean():.2f}, {share(scores[kind][own], single[own])}" for kind in kinds]
-        rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
-    means = [share(scores[kind], single) for kind in kinds]
-    worst = [f"{(scores[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
-    some = "" if kinds == [*KINDS] else f" --kinds {' '.join(map(quote, kinds))}"
-    remarks = [f"- `{kind}` (`{' '.join(KINDS[kind][1])}`) {KINDS[kind][2]}." for kind in kinds if KINDS[kind][2]]
-    pace = "; ".join(f"{kind}: {np.median(values):,.0f}" for kind, values in speeds.items())
-    made = (
-        f"Made in the checkout by `python -m tools.several --seeds {','.join(seeds)}{some}`: `{CONFIG}`, from numbers. "
-        f"A policy of one game has learned from {TIMESTEPS:,} timesteps; `joint` from as many of all six games "
-        "together, the others from six times as many. A number is the mean over the seeds of the interquartile mean of "
-        f"{EPISODES} returns (`catch_point`: of the share of successes, as its rewards say little). Beside it is its "
-        "share of that of a policy for each game, with the 95 % interval of a bootstrap over the seeds "
-        f"(n = {len(seeds)}; so few make it narrower than it should be). [Seed 0 of the second joint policy plays all "
-        "six](../videos/six-games.mp4) (`joybridge record runs/several/joint-6-times-s0 six-games.mp4 --seconds 8`)."
-    )
-    lines = [
-        "# One policy for six games, and one for each",
-        "",
-        fill(made, WIDTH, break_long_words=False, break_on_hyphens=False),
-        "",
-        f"| game | a policy for each | {' | '.join(kinds)} |",
-        f"| --- | --- |{' --- |' * len(kinds)}",
-        *rows,
-        f"| mean of the shares | | {' | '.join(means)} |",
-        f"| worst game | | {' | '.join(worst)} |",
-        "",
-        *([*remarks, ""] if remarks else []),
-        "Timesteps per second, medians, on a shared machine whose load changed from run to run:",
-        f"{pace}.",
-        "",
-    ]
-    return "\n".join(lines)
-
-
 def share(joint: Array, single: Array) -> str:
     """Return the share of joint policies' scores in single ones', both [games, seeds]: a mean over games, as text."""
     middle = (joint.mean(axis=1) / single.mean(axis=1)).mean()
-    seeds = joint.shape[1]
-    if seeds == 1:
+    if joint.shape[1] == 1:
         return f"{middle:.0%}"
     rng = np.random.default_rng(0)
-    drawn = [scores[:, rng.integers(0, seeds, (RESAMPLES, seeds))].mean(axis=2) for scores in (joint, single)]
+    drawn = [
+        scores[:, rng.integers(0, scores.shape[1], (RESAMPLES, scores.shape[1]))].mean(axis=2)
+        for scores in (joint, single)
+    ]
     low, high = np.quantile((drawn[0] / drawn[1]).mean(axis=0), [0.025, 0.975])
     return f"{middle:.0%} [{low:z.0%}, {high:z.0%}]"
 
