@@ -29,7 +29,7 @@ EPISODES = 96  # of an evaluation
 RESAMPLES = 10_000
 WIDTH = 120  # of the lines of the page
 # Metrics that count in place of the reward: from far away, catch_point pays more for wasted catches than for steering.
-SCORES = {"catch_point": "success"}
+SCORES = {"catch_point": "success", "goal": "success", "hard_move": "success"}
 # What differs when a game is played alone. Each arena of chimp is a process, so a hundred would be too many.
 ALONE = {"chimp": ["arenas=16", "policy.minibatch_size=100"]}
 
@@ -121,25 +121,12 @@ class Study:
     def play(self, name: str, end: int, changes: Sequence[str]) -> tuple[dict[str, float], float]:
         """Train a run if it is not complete.
 
-        Return its score in each of its games, and its timesteps per second. A score is the interquartile mean of the
-        returns, or the mean of a metric: see `SCORES`.
+        Return its score in each of its games, and its timesteps per second.
         """
         run = self.folder / name
-        saved = checkpoints(run)
-        if not saved or int(saved[-1].name) < end:
-            length = [f"total_timesteps={end}", f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}"]
-            joybridge("train", str(self.config), "--run", str(run), *length, *changes, *(["--resume"] if saved else []))
-        known = run / "evaluation.json"
-        if not known.exists():
-            last = joybridge("evaluate", str(run), "--episodes", str(EPISODES), "--json").splitlines()[-1]
-            known.write_text(last)
-        played = {game: found["player"] for game, found in json.loads(known.read_text()).items()}
-        scores = {
-            game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
-            for game, each in played.items()
-        }
+        train(self.config, run, end, [f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}", *changes])
         last_row = read_rows(run / "metrics-player.csv")[-1]
-        return scores, last_row["timesteps"] / last_row["seconds"]
+        return scores_of(run), last_row["timesteps"] / last_row["seconds"]
 
     def page(self, scores: Scores) -> str:
         """Return the page about some scores."""
@@ -204,6 +191,26 @@ class Study:
             f"| mean of the shares | | {' | '.join(means)} |",
             f"| worst game | | {' | '.join(worst)} |",
         ]
+
+
+def train(config: Path, run: Path, end: int, words: Sequence[str]) -> None:
+    """Train a run to so many timesteps if it is not complete."""
+    saved = checkpoints(run)
+    if not saved or int(saved[-1].name) < end:
+        resume = ["--resume"] if saved else []
+        joybridge("train", str(config), "--run", str(run), f"total_timesteps={end}", *words, *resume)
+
+
+def scores_of(run: Path) -> dict[str, float]:
+    """Return the score of a run in each of its games: the interquartile mean of the returns, or see `SCORES`."""
+    known = run / "evaluation.json"
+    if not known.exists():
+        known.write_text(joybridge("evaluate", str(run), "--episodes", str(EPISODES), "--json").splitlines()[-1])
+    played = {game: found["player"] for game, found in json.loads(known.read_text()).items()}
+    return {
+        game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
+        for game, each in played.items()
+    }
 
 
 def joybridge(*words: str) -> str:
