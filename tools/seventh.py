@@ -14,9 +14,10 @@ import numpy as np
 
 from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
-from tools.several import EPISODES, RESULTS, RUNS, TIMESTEPS, WIDTH, Study, scores_of, share, train
+from tools.several import EPISODES, RESULTS, RUNS, WIDTH, Study, scores_of, share, train
 
 SIX = Study("six_numbers")
+TIMESTEPS = SIX.timesteps
 FOLDER, LOGGED = RUNS / "seventh", 40  # rows of a run
 METRIC, ENOUGH = "success", 0.8  # of what a policy that begins from nothing has at the end
 LAST = 3  # rows whose mean counts as the end

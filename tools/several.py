@@ -24,7 +24,7 @@ from joybridge.run.checkpoint import checkpoints
 
 CONFIGS, RUNS, RESULTS = Path("configs/several"), Path("runs"), Path("results/several")
 PAGES = {"six_numbers": "README", "six_pictures": "pictures"}  # by configuration
-TIMESTEPS = 600_000  # of a policy of one game whose share is 1
+TIMESTEPS = {"six_numbers": 600_000, "six_pictures": 300_000}  # of a policy of one game whose share is 1
 EPISODES = 96  # of an evaluation
 RESAMPLES = 10_000
 WIDTH = 120  # of the lines of the page
@@ -100,19 +100,20 @@ class Study:
     def __init__(self, name: str) -> None:
         """Take the name of a configuration of several games."""
         self.config, self.folder = CONFIGS / f"{name}.yaml", RUNS / name
+        self.timesteps = TIMESTEPS[name]
         self.shares = {game: one.share for game, one in load_config(self.config).games.items()}
 
     def runs(self, kind: str) -> list[tuple[str, int, list[str]]]:
         """Return the runs of a kind and a seed: names, timesteps, and what differs from the configuration."""
         if kind in KINDS:
             found = KINDS[kind]
-            end = round(found.times * TIMESTEPS * sum(self.shares.values()) / len(self.shares))
+            end = round(found.times * self.timesteps * sum(self.shares.values()) / len(self.shares))
             return [(found.run, end, [*found.changes])]
         times = next(each.beside for each in KINDS.values() if single_kind(each.beside) == kind)
         return [
             (
                 f"{game}-{times}",
-                round(times * TIMESTEPS * share),
+                round(times * self.timesteps * share),
                 [*(f"games.{other}=null" for other in self.shares if other != game), *ALONE.get(game, [])],
             )
             for game, share in self.shares.items()
@@ -131,14 +132,14 @@ class Study:
     def page(self, scores: Scores) -> str:
         """Return the page about some scores."""
         kinds = [kind for kind in KINDS if kind in scores]
-        fewer = [f", of `{game}` {round(TIMESTEPS * own):,}" for game, own in self.shares.items() if own != 1]
+        fewer = [f", of `{game}` {round(self.timesteps * own):,}" for game, own in self.shares.items() if own != 1]
         alone = [
             f" Alone, `{game}` has `{' '.join(changes)}`." for game, changes in ALONE.items() if game in self.shares
         ]
         success = [f" (`{game}`: of the share of successes)" for game in self.shares if game in SCORES]
         made = (
             f"Made in the checkout by `python -m tools.several --config {self.config.stem}`: `{self.config}`. A policy "
-            f"of one game has learned from {TIMESTEPS:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all "
+            f"of one game has learned from {self.timesteps:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all "
             f"six together have, the others from all of it. A number is the mean over n seeds of the interquartile "
             f"mean of {EPISODES} returns{''.join(success)}. Beside it is its share of that of a policy for each game, "
             f"with the 95 % interval of a bootstrap over the seeds, which so few make narrower than it should be."
