@@ -139,8 +139,8 @@ class Study:
         success = [f" (`{game}`: of the share of successes)" for game in self.shares if game in SCORES]
         made = (
             f"Made in the checkout by `python -m tools.several --config {self.config.stem}`: `{self.config}`. A policy "
-            f"of one game has learned from {self.timesteps:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all "
-            f"six together have, the others from all of it. A number is the mean over n seeds of the interquartile "
+            f"of one game has learned from {self.timesteps:,} timesteps{''.join(fewer)}; `joint` from a sixth of what "
+            f"all six together have, the others from all of it. A number is the mean over n seeds of the interquartile "
             f"mean of {EPISODES} returns{''.join(success)}. Beside it is its share of that of a policy for each game, "
             f"with the 95 % interval of a bootstrap over the seeds, which so few make narrower than it should be."
             f"{''.join(alone)}{VIDEOS.get(self.config.stem, '')}"
