@@ -1,7 +1,7 @@
 """Compare one policy for six games with a policy for each: `python -m tools.several --seeds 0,1,2`.
 
-All runs have the settings of `configs/several/six_numbers.yaml`, or of `six_pictures.yaml`. In the first third of each
-run, penalties grow to their full size. Runs in `runs/CONFIG` that are complete are not repeated. Adds scores to a JSON
+All runs have the settings of `configs/several/six_numbers.yaml`, or of `six_pictures.yaml`, but for their length and
+that of `penalty_ramp`. Runs in `runs/CONFIG` that are complete are not repeated. Adds scores to a JSON
 file in `results/several`, and writes the page about all that are there.
 """
 
@@ -25,6 +25,7 @@ from joybridge.run.checkpoint import checkpoints
 CONFIGS, RUNS, RESULTS = Path("configs/several"), Path("runs"), Path("results/several")
 PAGES = {"six_numbers": "README", "six_pictures": "pictures"}  # by configuration
 TIMESTEPS = {"six_numbers": 600_000, "six_pictures": 300_000}  # of a policy of one game whose share is 1
+RAMPS = {"six_numbers": 1 / 3, "six_pictures": 2 / 3}  # of a run, in which penalties grow to their full size
 EPISODES = 96  # of an evaluation
 RESAMPLES = 10_000
 WIDTH = 120  # of the lines of the page
@@ -100,7 +101,7 @@ class Study:
     def __init__(self, name: str) -> None:
         """Take the name of a configuration of several games."""
         self.config, self.folder = CONFIGS / f"{name}.yaml", RUNS / name
-        self.timesteps = TIMESTEPS[name]
+        self.timesteps, self.ramp = TIMESTEPS[name], RAMPS[name]
         self.shares = {game: one.share for game, one in load_config(self.config).games.items()}
 
     def runs(self, kind: str) -> list[tuple[str, int, list[str]]]:
@@ -125,7 +126,12 @@ class Study:
         Return its score in each of its games, and its timesteps per second.
         """
         run = self.folder / name
-        train(self.config, run, end, [f"policy.penalty_ramp={end // 3}", f"log_interval={end // 20}", *changes])
+        train(
+            self.config,
+            run,
+            end,
+            [f"policy.penalty_ramp={round(end * self.ramp)}", f"log_interval={end // 20}", *changes],
+        )
         last_row = read_rows(run / "metrics-player.csv")[-1]
         return scores_of(run), last_row["timesteps"] / last_row["seconds"]
 
