@@ -1,12 +1,14 @@
 """How soon a policy learns a game that is new to it, and what that costs other games: `python -m tools.seventh`.
 
 A policy begins from nothing, from the policy of six games of `tools.several`, or from that of one of them, and learns a
-seventh game alone. Then the first of the seventh games joins the six. Runs in `runs/seventh` that are complete are not
+seventh game alone. Or the seventh joins the six, which are played on. Runs in `runs/seventh` that are complete are not
 repeated. Writes `results/several/seventh.md`, and what is behind it as JSON.
 """
 
 import argparse
 import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from textwrap import fill
 from typing import NamedTuple
 
@@ -14,14 +16,16 @@ import numpy as np
 
 from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
-from tools.several import EPISODES, RESULTS, RUNS, WIDTH, Study, scores_of, share, train
+from tools.several import RESULTS, RUNS, WIDTH, Study, scores_of, share, train
 
 SIX = Study("six_numbers")
 TIMESTEPS = SIX.timesteps
-FOLDER, LOGGED = RUNS / "seventh", 40  # rows of a run
+LOGGED = 40  # rows of a run
 METRIC, ENOUGH = "success", 0.8  # of what a policy that begins from nothing has at the end
 LAST = 3  # rows whose mean counts as the end
-NOTHING, ALL = "nothing", "joint-6"  # what a policy begins from; other names are runs of one game
+# What a policy begins from, and `JOINS`, where the six games are played on; other names are runs of one game.
+NOTHING, ALL, JOINS = "nothing", "joint-6", "joins"
+GAMES = len(SIX.shares) + 1
 JOINED = 2 * TIMESTEPS  # of all seven games together
 
 
@@ -30,8 +34,7 @@ class Found(NamedTuple):
 
     curves: dict[str, dict[str, list[list[float]]]]  # game, what it begins from: success [seeds][rows]
     before: list[list[float]]  # scores of the six games [games][seeds]
-    after: list[list[float]]  # the same once the seventh has joined
-    seventh: list[float]  # its success then [seeds]
+    after: dict[str, list[list[float]]]  # the same once a game has joined
 
 
 def main() -> None:
@@ -44,92 +47,91 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
     options = parser.parse_args()
     games, seeds = options.games.split(","), options.seeds.split(",")
-    starts = [NOTHING, ALL, *(f"{one}-1" for one in options.ones.split(","))]
-    curves: dict[str, dict[str, list[list[float]]]] = {game: {start: [] for start in starts} for game in games}
-    for seed in seeds:
-        for game in games:
-            for start in starts:
-                curves[game][start].append(learn(game, start, seed))
+    starts = [NOTHING, ALL, *(f"{one}-1" for one in options.ones.split(",")), JOINS]
+    curves = {game: {start: [learn(game, start, seed) for seed in seeds] for start in starts} for game in games}
     before = [scores_of(SIX.folder / f"{ALL}-s{seed}") for seed in seeds]
-    after = [join(games[0], seed) for seed in seeds]
-    both = [[[each[game] for each in some] for game in SIX.shares] for some in (before, after)]
-    found = Found(curves, both[0], both[1], [each[games[0]] for each in after])
+    after = {game: [scores_of(_run(game, JOINS, seed)) for seed in seeds] for game in games}
+    found = Found(curves, _table(before), {game: _table(each) for game, each in after.items()})
     (RESULTS / "seventh.json").write_text(json.dumps(found._asdict()) + "\n")
     (RESULTS / "seventh.md").write_text(page(found), encoding="utf-8")
 
 
 def learn(game: str, start: str, seed: str) -> list[float]:
-    """Let a policy learn a game alone if it has not, and return the rows of its success in training."""
-    run = FOLDER / f"{game}-from-{start}-s{seed}"
-    begun = [] if start == NOTHING else ["--from", str(SIX.folder / f"{start}-s{seed}")]
-    others = [f"games.{other}=null" for other in SIX.shares]
-    train(SIX.config, run, TIMESTEPS, [*begun, *others, *_words(game, TIMESTEPS, seed)])
+    """Let a policy learn a game if it has not, and return the rows of its success in training."""
+    run, end = _run(game, start, seed), JOINED if start == JOINS else TIMESTEPS
+    begun = ALL if start == JOINS else start
+    words = [] if start == NOTHING else ["--from", str(SIX.folder / f"{begun}-s{seed}")]
+    words += [] if start == JOINS else [f"games.{other}=null" for other in SIX.shares]
+    own = [f"games.{game}={{}}", "policy.penalty_ramp=0", f"log_interval={end // LOGGED}", f"seed={seed}"]
+    train(SIX.config, run, end, [*words, *own])
     return [row[f"{game}.{METRIC}"] for row in read_rows(run / "metrics-player.csv")]
 
 
-def join(game: str, seed: str) -> dict[str, float]:
-    """Let a game join the six if it has not, and return the score of each."""
-    run = FOLDER / f"{game}-joins-s{seed}"
-    train(SIX.config, run, JOINED, ["--from", str(SIX.folder / f"{ALL}-s{seed}"), *_words(game, JOINED, seed)])
-    return scores_of(run)
+def _run(game: str, start: str, seed: str) -> Path:
+    return RUNS / "seventh" / f"{game}-{start if start == JOINS else f'from-{start}'}-s{seed}"
 
 
-def _words(game: str, end: int, seed: str) -> list[str]:
-    """Return what differs from the six games: one more, penalties of full size, more rows."""
-    return [f"games.{game}={{}}", "policy.penalty_ramp=0", f"log_interval={end // LOGGED}", f"seed={seed}"]
+def _table(scores: Sequence[Mapping[str, float]]) -> list[list[float]]:
+    """Return scores of seeds as [games][seeds]."""
+    return [[each[game] for each in scores] for game in SIX.shares]
 
 
 def page(found: Found) -> str:
     """Return the page about the results."""
-    seeds = len(found.seventh)
-    games = [*found.curves]
+    seeds = len(found.before[0])
     made = (
         f"Made in the checkout by `python -m tools.seventh`, after `python -m tools.several`, with the settings of "
         f"`{SIX.config}`, but penalties have their full size from the first timestep on. A policy learns a game that "
         f"none of the six is, for {TIMESTEPS:,} timesteps, and begins from nothing, from the policy of six games "
-        f"(`joint, 6 times`), or from that of one of them. Timesteps until {ENOUGH:.0%} of the success that policies "
-        f"from nothing have at the end of training (the mean of the last {LAST} of {LOGGED} rows), and their share of "
-        f"those from nothing, with the 95 % interval of a bootstrap over the seeds (n = {seeds}; so few make it "
-        "narrower than it should be)."
+        f"(`joint, 6 times`), or from that of one of them. Or the game joins the six, for {JOINED:,} timesteps of all "
+        f"seven, of which it has a seventh. Its timesteps until {ENOUGH:.0%} of the success that policies from nothing "
+        f"have at the end of training (the mean of the last {LAST} of {LOGGED} rows; if there is never so much, all "
+        "timesteps), and their share of those from nothing, with the 95 % interval of a bootstrap over the seeds "
+        f"(n = {seeds}; so few make it narrower than it should be)."
     )
-    lines = ["# A seventh game", "", *_filled(made), ""]
-    lines += [
-        "| game | begins from | success at the end | timesteps until enough | share |",
-        "| --- | --- | --- | --- | --- |",
-    ]
-    for game in games:
-        curves = {start: np.array(each) for start, each in found.curves[game].items()}  # [seeds, rows]
+    head = "| game | begins from | success at the end | timesteps until enough, of each seed | share |"
+    lines = ["# A seventh game", "", *_filled(made), "", head, "| --- | --- | --- | --- | --- |"]
+    for game, of_game in found.curves.items():
+        curves = {start: np.array(each) for start, each in of_game.items()}  # [seeds, rows]
         enough = ENOUGH * curves[NOTHING][:, -LAST:].mean()
-        nothing = reached(curves[NOTHING], enough)
-        for start, each in curves.items():
-            times = reached(each, enough)
-            part = "" if start == NOTHING else share(times[None], nothing[None])
-            each_time = ", ".join(f"{time:,.0f}" for time in times)
-            lines.append(f"| `{game}` | {_name(start)} | {each[:, -LAST:].mean():.2f} | {each_time} | {part} |")
-    before, after = np.array(found.before), np.array(found.after)
+        times = {start: reached(each, enough, start) for start, each in curves.items()}
+        for start, each in times.items():
+            part = "" if start == NOTHING else share(each[None], times[NOTHING][None])
+            cells = f"{curves[start][:, -LAST:].mean():.2f} | {', '.join(f'{time:,.0f}' for time in each)} | {part}"
+            lines.append(f"| `{game}` | {_name(start)} | {cells} |")
     joins = (
-        f"Then `{games[0]}` joined the six: the policy of six games learned for another {JOINED:,} timesteps of all "
-        f"seven. Scores as in [six games](README.md), means of {seeds} seeds; `{games[0]}` then succeeds in "
-        f"{np.mean(found.seventh):.0%} of {EPISODES} episodes."
+        "Scores of the six as in [six games](README.md), before a seventh joins them and after it, and their share of "
+        "what they were:"
     )
-    lines += ["", *_filled(joins), "", "| game | before | after | share |", "| --- | --- | --- | --- |"]
+    heads = [f"{game} has joined" for game in found.after]
+    lines += [
+        "",
+        *_filled(joins),
+        "",
+        f"| game | before | {' | '.join(heads)} |",
+        f"| --- | --- |{' --- |' * len(heads)}",
+    ]
+    before, after = np.array(found.before), [np.array(each) for each in found.after.values()]
     for number, game in enumerate(SIX.shares):
         own = slice(number, number + 1)
-        part = share(after[own], before[own])
-        lines.append(f"| `{game}` | {before[number].mean():.2f} | {after[number].mean():.2f} | {part} |")
-    return "\n".join([*lines, f"| mean of the shares | | | {share(after, before)} |", ""])
+        cells = " | ".join(f"{each[number].mean():.2f}, {share(each[own], before[own])}" for each in after)
+        lines.append(f"| `{game}` | {before[number].mean():.2f} | {cells} |")
+    means = " | ".join(share(each, before) for each in after)
+    return "\n".join([*lines, f"| mean of the shares | | {means} |", ""])
 
 
-def reached(curves: Array, enough: float) -> Array:
-    """Return at which timesteps curves [seeds, rows] first have enough, [seeds]; the last, if they never do."""
+def reached(curves: Array, enough: float, start: str) -> Array:
+    """Return at which of its timesteps curves [seeds, rows] first have enough, [seeds]; the last if they never do."""
     rows = curves.shape[1]
     first = np.where((curves >= enough).any(axis=1), (curves >= enough).argmax(axis=1), rows - 1)
-    times: Array = (first + 1) * TIMESTEPS / rows
+    times: Array = (first + 1) * (JOINED / GAMES if start == JOINS else TIMESTEPS) / rows
     return times
 
 
 def _name(start: str) -> str:
-    return {NOTHING: "nothing", ALL: "six games"}.get(start, f"`{start.removesuffix('-1')}`")
+    return {NOTHING: "nothing", ALL: "six games", JOINS: "six games, played on"}.get(
+        start, f"`{start.removesuffix('-1')}`"
+    )
 
 
 def _filled(text: str) -> list[str]:
