@@ -2,7 +2,7 @@
 
 A policy begins from nothing, from the policy of six games of `tools.several`, or from that of one of them, and learns a
 seventh game alone. Or the seventh joins the six, which are played on. Runs in `runs/seventh` that are complete are not
-repeated. Writes `results/several/seventh.md`, and what is behind it as JSON.
+repeated. Writes `results/seventh/README.md`, and what is behind it, `curves.json`.
 """
 
 import argparse
@@ -52,8 +52,8 @@ def main() -> None:
     before = [scores_of(SIX.folder / f"{ALL}-s{seed}") for seed in seeds]
     after = {game: [scores_of(_run(game, JOINS, seed)) for seed in seeds] for game in games}
     found = Found(curves, _table(before), {game: _table(each) for game, each in after.items()})
-    (RESULTS / "seventh.json").write_text(json.dumps(found._asdict()) + "\n")
-    (RESULTS / "seventh.md").write_text(page(found), encoding="utf-8")
+    (RESULTS / "seventh" / "curves.json").write_text(json.dumps(found._asdict()) + "\n")
+    (RESULTS / "seventh" / "README.md").write_text(page(found), encoding="utf-8")
 
 
 def learn(game: str, start: str, seed: str) -> list[float]:
@@ -100,8 +100,8 @@ def page(found: Found) -> str:
             cells = f"{curves[start][:, -LAST:].mean():.2f} | {', '.join(f'{time:,.0f}' for time in each)} | {part}"
             lines.append(f"| `{game}` | {_name(start)} | {cells} |")
     joins = (
-        "Scores of the six as in [six games](README.md), before a seventh joins them and after it, and their share of "
-        "what they were:"
+        "Scores of the six as in [six games](../several/README.md), before a seventh joins them and after it, and "
+        "their share of what they were:"
     )
     heads = [f"{game} has joined" for game in found.after]
     lines += [

@@ -1,8 +1,8 @@
 """Compare one policy for six games with a policy for each: `python -m tools.several --seeds 0,1,2`.
 
 All runs have the settings of `configs/several/six_numbers.yaml`, or of `six_pictures.yaml`, but for their length and
-that of `penalty_ramp`. Runs in `runs/CONFIG` that are complete are not repeated. Adds scores to a JSON
-file in `results/several`, and writes the page about all that are there.
+that of `penalty_ramp`. Runs in `runs/CONFIG` that are complete are not repeated. Adds scores to `scores.json` in
+`results/several` or `results/several-pictures`, and writes the page about all that are there.
 """
 
 import argparse
@@ -22,10 +22,10 @@ from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
 from joybridge.run.checkpoint import checkpoints
 
-CONFIGS, RUNS, RESULTS = Path("configs/several"), Path("runs"), Path("results/several")
-PAGES = {"six_numbers": "README", "six_pictures": "pictures"}  # by configuration
+CONFIGS, RUNS, RESULTS = Path("configs/several"), Path("runs"), Path("results")
+PAGES = {"six_numbers": "several", "six_pictures": "several-pictures"}  # folders of results, by configuration
 TIMESTEPS = {"six_numbers": 600_000, "six_pictures": 300_000}  # of a policy of one game whose share is 1
-RAMPS = {"six_numbers": 1 / 3, "six_pictures": 2 / 3}  # of a run, in which penalties grow to their full size
+RAMPS = {"six_numbers": 1 / 3, "six_pictures": 1.0}  # of a run, in which penalties grow to their full size
 EPISODES = 96  # of an evaluation
 RESAMPLES = 10_000
 WIDTH = 120  # of the lines of the page
@@ -73,7 +73,8 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS], help="joint runs; default: all")
     options = parser.parse_args()
-    study, known = Study(options.config), RESULTS / f"{options.config}.json"
+    study, folder = Study(options.config), RESULTS / PAGES[options.config]
+    known = folder / "scores.json"
     scores: Scores = json.loads(known.read_text()) if known.exists() else {}
     for seed in options.seeds.split(","):
         for kind in (*single_kinds(options.kinds), *options.kinds):
@@ -82,7 +83,7 @@ def main() -> None:
                 for column, value in {**found, f"{SPEED} of {run}": speed}.items():
                     scores.setdefault(kind, {}).setdefault(column, {})[seed] = value
     known.write_text(json.dumps(scores, indent=1) + "\n")
-    (RESULTS / f"{PAGES[options.config]}.md").write_text(study.page(scores), encoding="utf-8")
+    (folder / "README.md").write_text(study.page(scores), encoding="utf-8")
 
 
 def single_kinds(kinds: Sequence[str]) -> list[str]:
