@@ -36,7 +36,9 @@ ALONE = {"chimp": ["arenas=16", "policy.minibatch_size=100"]}
 
 VIDEOS = {
     "six_numbers": " [Seed 0 of the second joint policy plays all six](../videos/six-games.mp4) (`joybridge record "
-    "runs/six_numbers/joint-6-s0 six-games.mp4 --seconds 8`)."
+    "runs/six_numbers/joint-6-s0 six-games.mp4 --seconds 8`).",
+    "six_pictures": " [Seed 0 of the second joint policy plays all six](../videos/six-games-pictures.mp4) (`joybridge "
+    "record runs/six_pictures/joint-6-s0 six-games-pictures.mp4 --seconds 8`).",
 }
 
 
