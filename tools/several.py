@@ -34,10 +34,11 @@ SCORES = {"catch_point": "success", "goal": "success", "hard_move": "success"}
 # What differs when a game is played alone. Each arena of chimp is a process, so a hundred would be too many.
 ALONE = {"chimp": ["arenas=16", "policy.minibatch_size=100"]}
 
-VIDEOS = {
+NOTES = {  # what a page says beside what follows from its scores
     "six_numbers": " [Seed 0 of the second joint policy plays all six](../videos/six-games.mp4) (`joybridge record "
     "runs/six_numbers/joint-6-s0 six-games.mp4 --seconds 8`).",
-    "six_pictures": " [Seed 0 of the second joint policy plays all six](../videos/six-games-pictures.mp4) (`joybridge "
+    "six_pictures": " Alone, archer, orchard and marble are seen in color, and no image is surrounded "
+    "by black. [Seed 0 of the second joint policy plays all six](../videos/six-games-pictures.mp4) (`joybridge "
     "record runs/six_pictures/joint-6-s0 six-games-pictures.mp4 --seconds 8`).",
 }
 
@@ -152,7 +153,7 @@ class Study:
             f"all six together have, the others from all of it. A number is the mean over n seeds of the interquartile "
             f"mean of {EPISODES} returns{''.join(success)}. Beside it is its share of that of a policy for each game, "
             f"with the 95 % interval of a bootstrap over the seeds, which so few make narrower than it should be."
-            f"{''.join(alone)}{VIDEOS.get(self.config.stem, '')}"
+            f"{''.join(alone)}{NOTES.get(self.config.stem, '')}"
         )
         remarks = [
             f"- `{kind}` (`{' '.join(KINDS[kind].changes)}`) {KINDS[kind].why}." for kind in kinds if KINDS[kind].why
@@ -167,7 +168,7 @@ class Study:
         }
         pace = [f"{kind}: {np.median(values):,.0f}" for kind, values in speeds.items()]
         lines = [
-            "# One policy for six games, and one for each",
+            f"# One policy for six games, and one for each, from {self.config.stem.removeprefix('six_')}",
             "",
             fill(made, WIDTH, break_long_words=False, break_on_hyphens=False),
             "",
@@ -192,7 +193,7 @@ class Study:
             cells = [f"{found[kind][number].mean():.2f}, {share(found[kind][own], single[own])}" for kind in kinds]
             rows.append(f"| {' | '.join([f'`{game}`', f'{single[number].mean():.2f}', *cells])} |")
         means = [share(found[kind], single) for kind in kinds]
-        worst = [f"{(found[kind].mean(axis=1) / single.mean(axis=1)).min():.0%}" for kind in kinds]
+        worst = [f"{(found[kind].mean(axis=1) / single.mean(axis=1)).min():z.0%}" for kind in kinds]
         heads = [f"{kind} (n = {each.shape[1]})" for kind, each in found.items()]
         return [
             f"| game | {' | '.join(heads)} |",
@@ -235,7 +236,7 @@ def share(joint: Array, single: Array) -> str:
     """Return the share of joint policies' scores in single ones', both [games, seeds]: a mean over games, as text."""
     middle = (joint.mean(axis=1) / single.mean(axis=1)).mean()
     if joint.shape[1] == 1:
-        return f"{middle:.0%}"
+        return f"{middle:z.0%}"
     rng = np.random.default_rng(0)
     drawn = [
         scores[:, rng.integers(0, scores.shape[1], (RESAMPLES, scores.shape[1]))].mean(axis=2)
