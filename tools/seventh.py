@@ -85,8 +85,8 @@ def page(found: Found) -> str:
         f"none of the six is, for {TIMESTEPS:,} timesteps, and begins from nothing, from the policy of six games "
         f"(`joint, 6 times`), or from that of one of them. Or the game joins the six, for {JOINED:,} timesteps of all "
         f"seven, of which it has a seventh. Its timesteps until {ENOUGH:.0%} of the success that policies from nothing "
-        f"have at the end of training (the mean of the last {LAST} of {LOGGED} rows; if there is never so much, all "
-        "timesteps), and their share of those from nothing, with the 95 % interval of a bootstrap over the seeds "
+        f"have at the end of training (the mean of the last {LAST} of {LOGGED} rows), and, if every run has "
+        "so much at some time, their share of those from nothing, with the 95 % interval of a bootstrap over the seeds "
         f"(n = {seeds}; so few make it narrower than it should be)."
     )
     head = "| game | begins from | success at the end | timesteps until enough, of each seed | share |"
@@ -96,8 +96,10 @@ def page(found: Found) -> str:
         enough = ENOUGH * curves[NOTHING][:, -LAST:].mean()
         times = {start: reached(each, enough, start) for start, each in curves.items()}
         for start, each in times.items():
-            part = "" if start == NOTHING else share(each[None], times[NOTHING][None])
-            cells = f"{curves[start][:, -LAST:].mean():.2f} | {', '.join(f'{time:,.0f}' for time in each)} | {part}"
+            known = start != NOTHING and np.isfinite([*each, *times[NOTHING]]).all()
+            part = share(each[None], times[NOTHING][None]) if known else ""
+            shown = ", ".join(f"{time:,.0f}" if np.isfinite(time) else "never" for time in each)
+            cells = f"{curves[start][:, -LAST:].mean():.2f} | {shown} | {part}"
             lines.append(f"| `{game}` | {_name(start)} | {cells} |")
     joins = (
         "Scores of the six as in [six games](../several/README.md), before a seventh joins them and after it, and "
@@ -121,10 +123,10 @@ def page(found: Found) -> str:
 
 
 def reached(curves: Array, enough: float, start: str) -> Array:
-    """Return at which of its timesteps curves [seeds, rows] first have enough, [seeds]; the last if they never do."""
-    rows = curves.shape[1]
-    first = np.where((curves >= enough).any(axis=1), (curves >= enough).argmax(axis=1), rows - 1)
-    times: Array = (first + 1) * (JOINED / GAMES if start == JOINS else TIMESTEPS) / rows
+    """Return at which of its timesteps curves [seeds, rows] first have enough, [seeds]; inf if they never do."""
+    have = curves >= enough
+    first = np.where(have.any(axis=1), have.argmax(axis=1) + 1, np.inf)
+    times: Array = first * (JOINED / GAMES if start == JOINS else TIMESTEPS) / curves.shape[1]
     return times
 
 
