@@ -9,22 +9,23 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import fill
 from typing import NamedTuple
 
 import numpy as np
 
+from joybridge.compare.page_parts import table
 from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
-from tools.several import RESULTS, RUNS, WIDTH, Study, scores_of, share, train
+from tools.several import RESULTS, RUNS, STUDIES, filled, scores_of, share, train
 
-SIX = Study("six_numbers")
+SIX = STUDIES["six_numbers"]
 TIMESTEPS = SIX.timesteps
 LOGGED = 40  # rows of a run
 METRIC, ENOUGH = "success", 0.8  # of what a policy that begins from nothing has at the end
 LAST = 3  # rows whose mean counts as the end
 # What a policy begins from, and `JOINS`, where the six games are played on; other names are runs of one game.
-NOTHING, ALL, JOINS = "nothing", "joint-6", "joins"
+NOTHING, ALL, JOINS = "nothing", "joint-6-times", "joins"
+NAMES = {NOTHING: "nothing", ALL: "six games", JOINS: "six games, played on"}
 GAMES = len(SIX.shares) + 1
 JOINED = 2 * TIMESTEPS  # of all seven games together
 
@@ -47,7 +48,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
     options = parser.parse_args()
     games, seeds = options.games.split(","), options.seeds.split(",")
-    starts = [NOTHING, ALL, *(f"{one}-1" for one in options.ones.split(",")), JOINS]
+    starts = [NOTHING, ALL, *options.ones.split(","), JOINS]
     curves = {game: {start: [learn(game, start, seed) for seed in seeds] for start in starts} for game in games}
     before = [scores_of(SIX.folder / f"{ALL}-s{seed}") for seed in seeds]
     after = {game: [scores_of(_run(game, JOINS, seed)) for seed in seeds] for game in games}
@@ -89,8 +90,8 @@ def page(found: Found) -> str:
         "so much at some time, their share of those from nothing, with the 95 % interval of a bootstrap over the seeds "
         f"(n = {seeds}; so few make it narrower than it should be)."
     )
-    head = "| game | begins from | success at the end | timesteps until enough, of each seed | share |"
-    lines = ["# A seventh game", "", *_filled(made), "", head, "| --- | --- | --- | --- | --- |"]
+    heads = ["game", "begins from", "success at the end", "timesteps until enough, of each seed", "share"]
+    rows = []
     for game, of_game in found.curves.items():
         curves = {start: np.array(each) for start, each in of_game.items()}  # [seeds, rows]
         enough = ENOUGH * curves[NOTHING][:, -LAST:].mean()
@@ -99,27 +100,22 @@ def page(found: Found) -> str:
             known = start != NOTHING and np.isfinite([*each, *times[NOTHING]]).all()
             part = share(each[None], times[NOTHING][None]) if known else ""
             shown = ", ".join(f"{time:,.0f}" if np.isfinite(time) else "never" for time in each)
-            cells = f"{curves[start][:, -LAST:].mean():.2f} | {shown} | {part}"
-            lines.append(f"| `{game}` | {_name(start)} | {cells} |")
+            rows.append(
+                [f"`{game}`", NAMES.get(start, f"`{start}`"), f"{curves[start][:, -LAST:].mean():.2f}", shown, part]
+            )
+    before, after = np.array(found.before), [np.array(each) for each in found.after.values()]
+    joined = []
+    for number, game in enumerate(SIX.shares):
+        own = slice(number, number + 1)
+        cells = [f"{each[number].mean():.2f}, {share(each[own], before[own])}" for each in after]
+        joined.append([f"`{game}`", f"{before[number].mean():.2f}", *cells])
+    joined.append(["mean of the shares", "", *(share(each, before) for each in after)])
     joins = (
         "Scores of the six as in [six games](../several/README.md), before a seventh joins them and after it, and "
         "their share of what they were:"
     )
-    heads = [f"{game} has joined" for game in found.after]
-    lines += [
-        "",
-        *_filled(joins),
-        "",
-        f"| game | before | {' | '.join(heads)} |",
-        f"| --- | --- |{' --- |' * len(heads)}",
-    ]
-    before, after = np.array(found.before), [np.array(each) for each in found.after.values()]
-    for number, game in enumerate(SIX.shares):
-        own = slice(number, number + 1)
-        cells = " | ".join(f"{each[number].mean():.2f}, {share(each[own], before[own])}" for each in after)
-        lines.append(f"| `{game}` | {before[number].mean():.2f} | {cells} |")
-    means = " | ".join(share(each, before) for each in after)
-    return "\n".join([*lines, f"| mean of the shares | | {means} |", ""])
+    beside = table(["game", "before", *(f"{game} has joined" for game in found.after)], joined)
+    return "\n\n".join(["# A seventh game", filled(made), table(heads, rows), filled(joins), beside]) + "\n"
 
 
 def reached(curves: Array, enough: float, start: str) -> Array:
@@ -128,16 +124,6 @@ def reached(curves: Array, enough: float, start: str) -> Array:
     first = np.where(have.any(axis=1), have.argmax(axis=1) + 1, np.inf)
     times: Array = first * (JOINED / GAMES if start == JOINS else TIMESTEPS) / curves.shape[1]
     return times
-
-
-def _name(start: str) -> str:
-    return {NOTHING: "nothing", ALL: "six games", JOINS: "six games, played on"}.get(
-        start, f"`{start.removesuffix('-1')}`"
-    )
-
-
-def _filled(text: str) -> list[str]:
-    return fill(text, WIDTH, break_long_words=False, break_on_hyphens=False).splitlines()
 
 
 if __name__ == "__main__":

@@ -104,7 +104,7 @@ class Convolutions(nn.Module):
         All stacks that are black count as one: of several games, those without this image have nothing else.
         """
         bright = stacks.flatten(1).amax(dim=1) > 0
-        if len(stacks) - int(bright.sum()) < 2:
+        if len(stacks) - int(bright.sum()) < 2:  # a single black stack would only be moved
             return self._encode(stacks)
         features, maps = self._encode(torch.cat([torch.zeros_like(stacks[:1]), stacks[bright]]))
         places = bright.cumsum(0) * bright  # black ones have the first place
