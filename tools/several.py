@@ -31,10 +31,12 @@ WIDTH = 120  # of the lines of the page
 SCORES = {"catch_point": "success", "goal": "success", "hard_move": "success"}
 # What differs when a game is played alone. Each arena of chimp is a process, so a hundred would be too many.
 ALONE = {"chimp": ["arenas=16", "policy.minibatch_size=100"]}
-SINGLE = "a policy for each"
-KINDS: dict[str, tuple[int, list[str], str]] = {  # of joint runs: timesteps beside a single one's, what differs, why
+SINGLE, LONGER, JOINT = "a policy for each", "a policy for each, 6 times", "joint, 6 times"
+KINDS: dict[str, tuple[int, list[str], str]] = {  # of runs: timesteps beside those of `SINGLE`, what differs, why
+    SINGLE: (1, [], ""),
+    LONGER: (6, [], "has learned from as many timesteps of its one game as a joint policy has of all"),
     "joint": (1, [], ""),
-    "joint, 6 times": (6, [], ""),
+    JOINT: (6, [], ""),
     "told, 6 times": (6, ["tell_game=true"], "knows which game it plays; the others have to see it"),
     "by progress, 6 times": (6, ["share_by=progress"], "learns more often from games whose rewards change"),
     "unscaled, 6 times": (6, ["policy.scale_rewards=false"], "has rewards as the games pay them"),
@@ -89,13 +91,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--config", choices=[*STUDIES], default="six_numbers", help="default %(default)s")
     parser.add_argument("--seeds", default="0,1,2", help="default %(default)s")
-    parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS], help="joint runs; default: all")
+    parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS], help="default: all")
     options = parser.parse_args()
     study = STUDIES[options.config]
     known = study.page.with_name("scores.json")
     scores: Scores = json.loads(known.read_text()) if known.exists() else {}
     for seed in options.seeds.split(","):
-        for kind in (SINGLE, *options.kinds):
+        for kind in dict.fromkeys([SINGLE, *options.kinds]):
             for run, end, changes in runs_of(study, kind):
                 found, speed = play(study, f"{run}-s{seed}", end, [*changes, f"seed={seed}"])
                 for column, value in {**found, f"{SPEED} of {run}": speed}.items():
@@ -106,16 +108,15 @@ def main() -> None:
 
 def runs_of(study: Study, kind: str) -> list[tuple[str, int, list[str]]]:
     """Return the runs of a kind and a seed: names, timesteps, and what differs from the configuration."""
-    shares = study.shares
-    if kind != SINGLE:
-        times, changes, _ = KINDS[kind]
+    shares, (times, changes, _) = study.shares, KINDS[kind]
+    if not kind.startswith(SINGLE):
         end = round(times * study.timesteps * sum(shares.values()) / len(shares))
-        return [(kind.replace(", ", "-").replace(" ", "-"), end, changes)]
+        return [(_file_name(kind), end, changes)]
     return [
         (
-            game,
-            round(study.timesteps * own),
-            [*(f"games.{other}=null" for other in shares if other != game), *ALONE.get(game, [])],
+            _file_name(kind.replace(SINGLE, game)),
+            round(times * study.timesteps * own),
+            [*(f"games.{other}=null" for other in shares if other != game), *ALONE.get(game, []), *changes],
         )
         for game, own in shares.items()
     ]
@@ -131,19 +132,21 @@ def play(study: Study, name: str, end: int, changes: Sequence[str]) -> tuple[dic
 
 def page(study: Study, scores: Scores) -> str:
     """Return the page about some scores."""
-    kinds, shares = [kind for kind in KINDS if kind in scores], study.shares
+    kinds, shares = [kind for kind in KINDS if kind in scores and kind != SINGLE], study.shares
     found = {kind: np.array([[*scores[kind][game].values()] for game in shares]) for kind in (SINGLE, *kinds)}
     seeds, some = ",".join(next(iter(scores[SINGLE].values()))), f" --kinds {' '.join(map(quote, kinds))}"
-    command = f"python -m tools.several --config {study.config.stem} --seeds {seeds}{some if kinds != [*KINDS] else ''}"
+    command = (
+        f"python -m tools.several --config {study.config.stem} --seeds {seeds}{some if len(found) < len(KINDS) else ''}"
+    )
     fewer = [f", of `{game}` {round(study.timesteps * own):,}" for game, own in shares.items() if own != 1]
     success = [f" (`{game}`: of the share of successes)" for game in shares if game in SCORES]
     alone = [f"Alone, `{game}` has `{' '.join(changes)}`. " for game, changes in ALONE.items() if game in shares]
     made = (
         f"Made in the checkout by `{command}`: `{study.config}`. A policy of one game has learned from "
         f"{study.timesteps:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all six together have, the "
-        f"others from all of it. A number is the mean over n seeds of the interquartile mean of {EPISODES} returns"
-        f"{''.join(success)}. Beside it is its share of that of a policy for each game, with the 95 % interval of a "
-        f"bootstrap over the seeds, which so few make narrower than it should be. {''.join(alone)}{study.note}"
+        f"other joint ones from all of it. A number is the mean over n seeds of the interquartile mean of {EPISODES} "
+        f"returns{''.join(success)}. Beside it is its share of that of a policy for each game, with the 95 % interval "
+        f"of a bootstrap over the seeds, which so few make narrower than it should be. {''.join(alone)}{study.note}"
     )
     single, rows = found[SINGLE], []
     for number, game in enumerate(shares):
@@ -151,9 +154,19 @@ def page(study: Study, scores: Scores) -> str:
         cells = [f"{found[kind][number].mean():.2f}, {share(found[kind][own], single[own])}" for kind in kinds]
         rows.append([f"`{game}`", f"{single[number].mean():.2f}", *cells])
     rows.append(["mean of the shares", "", *(share(found[kind], single) for kind in kinds)])
-    least = [(found[kind].mean(axis=1) / single.mean(axis=1)).min() for kind in kinds]
-    rows.append(["worst game", "", *(f"{each:z.0%}" for each in least)])
-    remarks = [f"- `{kind}` (`{' '.join(KINDS[kind][1])}`) {KINDS[kind][2]}." for kind in kinds if KINDS[kind][2]]
+    rows.append(["worst game", "", *(f"{_least(found[kind], single):z.0%}" for kind in kinds)])
+    remarks = []
+    for kind in kinds:
+        _, changes, why = KINDS[kind]
+        if why:
+            remarks.append(filled(f"- `{kind}`{f' (`{changes[0]}`)' if changes else ''} {why}."))
+    if {LONGER, JOINT} <= {*kinds}:
+        long, joint = found[LONGER], found[JOINT]
+        remarks.append(
+            filled(
+                f"- `{JOINT}` reaches {share(joint, long)} of `{LONGER}`, in the worst game {_least(joint, long):.0%}."
+            )
+        )
     pace = []
     for kind, columns in scores.items():
         speeds = [each for column, values in columns.items() if column.startswith(SPEED) for each in values.values()]
@@ -218,6 +231,14 @@ def share(joint: Array, single: Array) -> str:
     ]
     low, high = np.quantile((drawn[0] / drawn[1]).mean(axis=0), [0.025, 0.975])
     return f"{middle:.0%} [{low:z.0%}, {high:z.0%}]"
+
+
+def _least(joint: Array, single: Array) -> float:
+    return float((joint.mean(axis=1) / single.mean(axis=1)).min())
+
+
+def _file_name(kind: str) -> str:
+    return kind.replace(", ", "-").replace(" ", "-")
 
 
 def _iqm(returns: Array) -> float:
