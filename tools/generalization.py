@@ -11,8 +11,6 @@ player earns on the same levels, so that easy and hard ones can be compared.
 import argparse
 import csv
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
@@ -26,6 +24,7 @@ from joybridge.contract.spec import choose_options
 from joybridge.games.level_sets import SETS
 from joybridge.games.shooting_birds import script
 from joybridge.games.shooting_birds.game import ShootingBirds
+from tools.command_line import joybridge
 
 UNSEEN = 1000  # levels of the test set
 EPISODES = 600  # of an evaluation, and of the scripted player
@@ -61,12 +60,6 @@ class Training(NamedTuple):
     name: str  # of its runs, before the seed
     settings: Sequence[str]  # the configuration, and what is changed in it
     episodes: int = EPISODES  # of an evaluation
-
-
-def joybridge(*arguments: str) -> str:
-    """Run the command and return what it prints."""
-    command = [sys.executable, "-m", "joybridge", *arguments]
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
 def generated(count: int) -> list[str]:

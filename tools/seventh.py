@@ -65,7 +65,7 @@ def learn(game: str, start: str, seed: str) -> list[float]:
     words += [] if start == JOINS else [f"games.{other}=null" for other in SIX.shares]
     own = [f"games.{game}={{}}", "policy.penalty_ramp=0", f"log_interval={end // LOGGED}", f"seed={seed}"]
     train(SIX.config, run, end, [*words, *own])
-    return [row[f"{game}.{METRIC}"] for row in read_rows(run / "metrics-player.csv")]
+    return [row.get(f"{game}.{METRIC}", 0.0) for row in read_rows(run / "metrics-player.csv")]
 
 
 def _run(game: str, start: str, seed: str) -> Path:

@@ -6,8 +6,6 @@ that are complete are not repeated. Adds scores to `scores.json` beside the page
 
 import argparse
 import json
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from shlex import quote
@@ -22,6 +20,7 @@ from joybridge.config.config import load_config
 from joybridge.config.metrics import read_rows
 from joybridge.contract.tensors import Array
 from joybridge.run.checkpoint import checkpoints
+from tools.command_line import joybridge
 
 RUNS, RESULTS = Path("runs"), Path("results")
 EPISODES = 96  # of an evaluation
@@ -209,14 +208,6 @@ def scores_of(run: Path) -> dict[str, float]:
         game: each["means"][SCORES[game]] if game in SCORES else _iqm(np.array(each["returns"]))
         for game, each in played.items()
     }
-
-
-def joybridge(*words: str) -> str:
-    """Run a command and return its output."""
-    done = subprocess.run([sys.executable, "-m", "joybridge", *words], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(done.stderr)
-    return done.stdout
 
 
 def share(joint: Array, single: Array) -> str:
