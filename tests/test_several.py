@@ -9,7 +9,7 @@ import pytest
 
 from joybridge.client.client import Session
 from joybridge.client.several_session import SeveralSession
-from joybridge.config.config import make_config
+from joybridge.config.config import load_config, make_config
 from joybridge.config.errors import ConfigError
 from joybridge.config.metrics import read_rows
 from joybridge.contract.codec import ActArrays
@@ -19,13 +19,16 @@ from joybridge.layouts import make_acts
 from joybridge.policy.actor import Actor, make_actors
 from joybridge.policy.common_observation import common_sensors
 from joybridge.policy.episodes import Episodes
+from joybridge.policy.hand import pointer_speeds
 from joybridge.policy.lineup import arenas_by_game, kinds_of, make_lineup
 from joybridge.policy.transfer import transferred
 from joybridge.ppo.fast.kernels import Noise
 from joybridge.ppo.observation import Observation
 from joybridge.ppo.return_scale import ReturnScale
 from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.folder import changes
 from joybridge.simulator import image, sensor
+from joybridge.v1 import bridge_pb2 as pb
 from tests.support.command_line import joybridge
 from tests.support.demonstrated import record
 
@@ -85,12 +88,30 @@ def test_arenas_are_divided_by_the_shares_with_one_for_each_game_at_least():
             "`share_by: progress` does not go with policy.memory",
         ),
         ({"games": {"a.b": {}}}, "the name 'a.b' has other characters"),
+        ({"games": ["a", "b"]}, r"games: got \['a', 'b'\]; expected names and values, written games.NAME.KEY=VALUE"),
+        ({"games": {"a": {"simulator": "5005"}}}, "games.a.simulator: got '5005'; expected HOST:PORT"),
+        ({"games": {"a": None}}, "no game is left in `games`"),
         ({"games": {"a": {"share": 0}}}, "games.a.share: got 0"),
     ],
 )
 def test_keys_that_contradict_each_other_are_refused(keys, wrong):
     with pytest.raises(ConfigError, match=wrong):
         make_config(keys)
+
+
+def test_a_game_without_keys_is_played_unless_it_takes_one_of_another_file_out(tmp_path):
+    (tmp_path / "two.yaml").write_text("games:\n  marble:\n  archer:\n    share: 2\narenas: 8\n")
+    (tmp_path / "less.yaml").write_text("extends: two.yaml\ngames:\n  archer:\n  orchard:\n")
+    assert [*load_config(tmp_path / "two.yaml").games] == ["marble", "archer"]
+    assert [*load_config(tmp_path / "less.yaml").games] == ["marble", "orchard"]
+    assert [*load_config(tmp_path / "two.yaml", ["games.marble=null"]).games] == ["archer"]
+
+
+def test_a_run_goes_on_with_its_games_in_their_order_wherever_they_are_played():
+    games: dict[str, dict[str, str]] = {"marble": {}, "archer": {}}
+    before = make_config({"games": games})
+    moved = make_config({"games": games | {"archer": {"simulator": "127.0.0.1:5006"}}})
+    assert changes(before, moved) == {} and changes(before, make_config({"games": dict(reversed(games.items()))}))
 
 
 @pytest.mark.parametrize(
@@ -117,7 +138,7 @@ def test_lanes_of_the_common_session_play_as_the_games_do_alone(simulator):
     assert [metric.name for metric in player.metrics] == [
         "archer.hits",
         "archer.accuracy",
-        "force.length",
+        "force.game_length",  # beside the number of decisions, which is force.length
         "force.presses",
     ]
 
@@ -150,6 +171,25 @@ def test_lanes_of_the_common_session_play_as_the_games_do_alone(simulator):
                 np.testing.assert_array_equal(step.metrics[: len(alone.ended), :2], alone.metrics)
                 assert np.isnan(step.metrics[: len(alone.ended), 2:]).all()
     assert ended > 4
+
+
+def test_one_game_of_several_has_its_own_kinds_of_axes_and_all_have_them_together(simulator):
+    games = {"birds": {"game": "shooting_birds", "options": {"locomotion": "axes"}}, "archer": {}}
+    lineup = make_lineup(simulator, make_config({"games": games}))
+    own = {game: [axis.kind for axis in lineup.spec_of(game).behaviors[0].device.axes] for game in games}
+    alone = {game: [axis.kind for axis in spec.behaviors[0].device.axes] for game, spec in lineup.specs.items()}
+    assert own["birds"] == alone["birds"] == [pb.AXIS_KIND_VELOCITY] * 2
+    assert own["archer"][:1] == alone["archer"]
+    config = make_config({"games": games, "pointer": "velocity"})
+    with pytest.raises(ConfigError, match="no axis that places a pointer"):
+        pointer_speeds(config, lineup.spec)
+
+
+def test_numbers_have_bounds_where_those_of_all_games_have():
+    bounded, free = sensor("a", [2], -1, 1), sensor("b", [2])
+    for sensors, low in (({"one": [bounded], "two": [bounded]}, [-1]), ({"one": [bounded], "two": [free]}, [])):
+        (numbers,), _ = common_sensors(sensors, dict.fromkeys(sensors), tell_game=False)
+        assert list(numbers.low) == low
 
 
 def test_rewards_are_scaled_and_episodes_summed_up_for_each_game():
@@ -252,8 +292,22 @@ def test_all_games_of_a_run_are_evaluated_or_only_one(run, simulator):
     assert "parameters.size=4 (trained with 1)" in one.errors
     (played,) = json.loads(one.output.splitlines()[-1]).values()
     assert played["player"]["means"]["accuracy"] > results["archer"]["player"]["means"]["accuracy"]
-    wrong = joybridge("evaluate", str(run), "--only-game", "chess", "--simulator", simulator)
-    assert "there is no game 'chess' among several; there are marble, archer" in wrong.errors
+    at = ("--simulator", simulator)
+    over = ("--episodes", "2", "--only-game", "archer", "--over", "parameters.size=0.5,4")
+    swept = joybridge("evaluate", str(run), *over, *at)
+    assert swept.status == 0 and "parameters.size" in swept.output, swept.errors
+    for words, message in (
+        (["--only-game", "chess"], "there is no game 'chess' among several; there are marble, archer"),
+        (["games.archer.share=3"], "games.archer.share belongs to the training of"),
+        (["games.chess={}"], "games.chess belongs to the training of"),
+    ):
+        assert message in joybridge("evaluate", str(run), *words, *at).errors
+
+
+def test_a_run_of_one_game_begins_with_no_policy_of_several(run, simulator, tmp_path):
+    small = ["--run", str(tmp_path / "one"), "--from", str(run), "--simulator", simulator, "arenas=2"]
+    one = joybridge("train", "recall/echo", "policy.memory.kind=none", *small)
+    assert "was trained with `games`, and this is a run with the key `game`" in one.errors
 
 
 def test_a_policy_clones_demonstrations_of_single_games(run, simulator, tmp_path):

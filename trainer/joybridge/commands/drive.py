@@ -89,6 +89,8 @@ def _play_episode(play: Decisions, wanted: float, *, endless: bool) -> None:
 def _run_at_play(options: argparse.Namespace) -> Iterator[tuple[str, pb.GameSpec, Decisions]]:
     """Let the policy of a run play; yield words about it, the spec of the program, and its decisions."""
     config, trained = play_config(options.policy, ()), run_spec(options.policy)
+    if config.games:
+        raise ConfigError(f"{options.policy} plays several games, and `drive` policies of one; evaluate or record it")
     remembered = last_simulators(options.policy).believed(options.trust_run).games
     device = trained.behaviors[0].device
     held = device_settings([axis.name for axis in device.axes], [branch.name for branch in device.branches])

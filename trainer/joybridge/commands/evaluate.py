@@ -70,7 +70,8 @@ def _evaluate(options: argparse.Namespace) -> None:
         raise ConfigError(f"--over is for one game; name it with --only-game: {', '.join(games)}")
     plays = {game: (game, options.overrides) for game in games}
     if sweep:
-        plays = {setting: (games[0], [*options.overrides, setting]) for setting in sweep.settings}
+        own = f"games.{games[0]}." if games[0] and sweep.of_game else ""
+        plays = {setting: (games[0], [*options.overrides, own + setting]) for setting in sweep.settings}
     for _, overrides in plays.values():
         play_config(run, overrides)
     with open_player(options) as simulator:

@@ -43,5 +43,8 @@ def _export(options: argparse.Namespace) -> None:
         exported = export(play_spec(options, simulator, games[0]), options.output, behavior=options.behavior)
     print(exported)
     games_of_run = last_simulators(options.run).simulators.games
-    if program := next((each.removeprefix(PYGAME) for each in games_of_run if each.startswith(PYGAME)), ""):
-        say_next("drive", printable(program), str(options.output))  # no exported file holds the settings of a program
+    programs = [each.removeprefix(PYGAME) for each in games_of_run if each.startswith(PYGAME)]
+    if programs and games == [""]:  # a policy of several games sees and controls what they have in common
+        say_next(
+            "drive", printable(programs[0]), str(options.output)
+        )  # no exported file holds the settings of a program

@@ -32,6 +32,7 @@ OF_ONE_GAME = ("options", "parameters", "curriculum", "stratify_by", "evaluate_d
 OF_SEVERAL_GAMES = ("common_device", "tell_game", "share_by")
 # What a configuration may change when a policy plays.
 PLAYABLE_KEYS = (*OF_THE_GAME, "games", "hand", "timeout_seconds", "transport")
+PLAYABLE_KEYS_OF_A_GAME = (*OF_THE_GAME, "simulator")  # of one among several
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -207,6 +208,8 @@ class Config(Checked):
     @model_validator(mode="after")
     def _one_game_or_several(self) -> Self:
         """Refuse what belongs to one game beside several."""
+        if self.game == SEVERAL and not self.games:
+            raise ValueError("no game is left in `games`; name one at least")
         if self.games and self.game != SEVERAL:
             raise ValueError(f"there is a game, {self.game!r}, beside `games`; give one of the two")
         wrong = [key for key in OF_ONE_GAME if getattr(self, key)] if self.games else []

@@ -84,10 +84,20 @@ def read_yaml(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     base = data.pop("extends", None)
     data = merge(preset_of(data), data)
     if base is None:
-        return data
+        return _with_bare_games({}, data)
     beside, name = path.parent / str(base), str(base).removesuffix(".yaml")
     installed = name in config_names() and not beside.is_file()
-    return merge(read_yaml(FOLDER / f"{name}.yaml" if installed else beside, (*seen, real)), data)
+    extended = read_yaml(FOLDER / f"{name}.yaml" if installed else beside, (*seen, real))
+    return merge(extended, _with_bare_games(extended, data))
+
+
+def _with_bare_games(extended: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+    """Return a file in which a game without keys, null in YAML, has none; where the extended file has it, it is out."""
+    games, known = data.get("games"), extended.get("games")
+    if not isinstance(games, dict):
+        return data
+    bare: dict[str, Any] = {name: {} for name, keys in games.items() if keys is None and name not in (known or {})}
+    return {**data, "games": games | bare}
 
 
 def read_overrides(overrides: Sequence[str]) -> dict[str, Any]:

@@ -14,6 +14,7 @@ FORMS = {
     "options": "options.NAME=CHOICE",
     "parameters": "parameters.NAME=VALUE",
     "hand": "hand.KEY=VALUE",
+    "games": "games.NAME.KEY=VALUE",
     "memory": "policy.memory.KEY=VALUE",
     "opponents": "opponents.KEY=VALUE",
     "policy": "policy.KEY=VALUE",

@@ -133,7 +133,7 @@ def targets(actor: Actor, shown: Sequence[Demonstration], config: Config, lineup
     pictures = gather_pictures(actor.encoder, numbered, actor.behavior, sources[rows])
     seen = Observations(torch.from_numpy(numbers[rows]), pictures)
     masked = None if additions is None else torch.from_numpy(additions[rows])
-    conditions = lineup.conditions(layout, kinds[rows]) if lineup else Conditions(layout, device)
+    conditions = lineup.conditions(layout, kinds[rows], only_with=True) if lineup else Conditions(layout, device)
     counts = torch.from_numpy(conditions.counts(choices[rows])) if conditions else None
     earned = torch.from_numpy(returns[rows])
     learned = Demonstrated(seen, own[0], own[1], masked, earned, counts=counts)

@@ -77,8 +77,9 @@ def common_device(devices: Mapping[str, pb.Device], by_hand: Mapping[str, Sequen
         for where in roles:
             if twice := next((role for role in where if where.count(role) > 1), ""):
                 raise ConfigError(f"common_device.{twice}: it stands for two parts of the device of {game}; name one")
-        for role in roles[0]:
-            axes.setdefault(role, pb.Axis(name=role, low=-1.0, high=1.0))
+        for role, axis in zip(roles[0], device.axes, strict=True):
+            known_axis = axes.setdefault(role, pb.Axis(name=role, low=-1.0, high=1.0, kind=axis.kind))
+            known_axis.kind = _kind_of_both(known_axis.kind, axis.kind)
         for role, branch in zip(roles[1], device.branches, strict=True):
             known = branches.setdefault(role, pb.Branch(name=role))
             for label in branch.choices[len(known.choices) :]:
@@ -119,6 +120,13 @@ def _read(devices: Mapping[str, pb.Device], by_hand: Mapping[str, Sequence[str]]
                     )
                 chosen[part] = common
     return chosen
+
+
+def _kind_of_both(one: pb.AxisKind, other: pb.AxisKind) -> pb.AxisKind:
+    """Return what an axis of two games is: what moves something in one of them cannot be placed."""
+    if one == other or pb.AXIS_KIND_VELOCITY not in (one, other):
+        return one if one == other else pb.AXIS_KIND_UNSPECIFIED
+    return pb.AXIS_KIND_VELOCITY
 
 
 def _axis_roles(device: pb.Device, game: str, chosen: Mapping[tuple[str, str], str]) -> list[str]:

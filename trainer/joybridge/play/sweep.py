@@ -36,6 +36,11 @@ class Sweep(NamedTuple):
         return [f"{self.key}={value}" for value in self.values]
 
     @property
+    def of_game(self) -> bool:
+        """Return whether it is an option or a parameter, which each of several games has for itself."""
+        return self.key.partition(".")[0] in OF_THE_GAME
+
+    @property
     def named(self) -> bool:
         """Return whether the values are names, hands or distributions, which stand side by side, and no numbers."""
         return self.key.startswith("options.") or not all(map(NUMBER.fullmatch, self.values))

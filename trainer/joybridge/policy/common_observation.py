@@ -16,7 +16,7 @@ import numpy as np
 from joybridge.config.errors import ConfigError
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
-from joybridge.policy.scaling import scaling_by_bounds
+from joybridge.policy.scaling import is_bounded, scaling_by_bounds
 from joybridge.v1 import bridge_pb2 as pb
 
 LUMINANCE = np.array([77, 150, 29])  # of red, green and blue, in 256ths, as built-in games have it
@@ -86,7 +86,14 @@ def common_sensors(
     common = [_common_image(name, alike) for name, alike in images.items()]
     most = max(sizes.values())
     if most:
-        common.append(pb.Sensor(name="numbers", dtype=pb.DTYPE_FLOAT32, shape=[most]))
+        bounded = all(
+            is_bounded(sensors[index])
+            for game, sensors in games.items()
+            for index in counted[game]
+            if not sensors[index].HasField("image")
+        )
+        low, high = ([-1.0], [1.0]) if bounded else ([], [])
+        common.append(pb.Sensor(name="numbers", dtype=pb.DTYPE_FLOAT32, shape=[most], low=low, high=high))
         if len({*sizes.values()}) > 1:
             common.append(pb.Sensor(name="known", dtype=pb.DTYPE_BOOL, shape=[most], low=[0.0], high=[1.0]))
     if tell_game:

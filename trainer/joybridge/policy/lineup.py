@@ -15,6 +15,7 @@ from joybridge.config.config import Config
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import check_settings
 from joybridge.config.games import GameConfig
+from joybridge.config.metrics import column_name
 from joybridge.contract.codec import ActArrays, StepArrays
 from joybridge.contract.sharding import split
 from joybridge.contract.tensors import Array
@@ -116,7 +117,7 @@ class Lineup:
         return {**defaults, **played} == {**defaults, **options}
 
     def spec_of(self, game: str) -> pb.GameSpec:
-        """Return the common spec when only one game is played: with its clock, its picture and its own metrics."""
+        """Return the common spec when only one game is played: with its clock and picture, its metrics and kinds."""
         own, spec = self.specs[game], pb.GameSpec()
         spec.CopyFrom(own)
         del spec.behaviors[:], spec.options[:], spec.parameters[:]
@@ -124,6 +125,9 @@ class Lineup:
         del spec.behaviors[0].metrics[:]
         spec.behaviors[0].metrics.extend(own.behaviors[0].metrics)
         spec.version = self.spec.version
+        axes = spec.behaviors[0].device.axes
+        for index, axis in zip(self.common.games[game].axes, own.behaviors[0].device.axes, strict=True):
+            axes[index].kind = axis.kind
         return spec
 
     def translation(self, game: str, *, alone: bool = False) -> GameTranslation:
@@ -136,13 +140,16 @@ class Lineup:
         columns = [names.index(one.name if alone else _metric(game, one.name)) for one in own.metrics]
         return GameTranslation(own, self.views[game], self.common.games[game], common, weights, columns)
 
-    def conditions(self, layout: Layout, kinds: Array) -> ConditionsOfGames:
-        """Return which parts of a policy's actions count in some lanes. kinds int [lanes]: which game each plays."""
+    def conditions(self, layout: Layout, kinds: Array, *, only_with: bool) -> ConditionsOfGames:
+        """Return which parts of a policy's actions count in some lanes. kinds int [lanes]: which game each plays.
+
+        only_with: axes that count only with some choices do so; what a game lacks never counts.
+        """
         device, games = self.common.device, []
         for game, placed in self.common.games.items():
             no_axes = {*range(len(device.axes))} - {*placed.axes}
             no_branches = {*range(len(device.branches))} - {*placed.branches}
-            used = self.common.used_as(game, self.specs[game].behaviors[0].device)
+            used = self.common.used_as(game, self.specs[game].behaviors[0].device) if only_with else device
             games.append(Conditions(layout, used, no_axes, no_branches))
         return ConditionsOfGames(games, kinds)
 
@@ -188,7 +195,8 @@ def make_lineup(address: str, config: Config) -> Lineup:
 
 
 def _metric(game: str, metric: str) -> str:
-    return f"{game}.{metric}"
+    """Return the column of a metric of one of several games, which is none that the trainer writes for each game."""
+    return f"{game}.game_{metric}" if metric == "share" else f"{game}.{column_name(metric)}"
 
 
 def _describe(name: str, game: GameConfig, address: str) -> pb.GameSpec:

@@ -81,7 +81,8 @@ class Policy:
             self.learner.add_term(self.config.loss)
         self.conditions: Sequence[Conditions | ConditionsOfGames] | None = None  # of each group; None: all always count
         if lineup and kinds is not None:
-            self.conditions = [lineup.conditions(actor.layout, kinds[lanes]) for lanes in groups]
+            only_with = self.config.only_with
+            self.conditions = [lineup.conditions(actor.layout, kinds[lanes], only_with=only_with) for lanes in groups]
         elif self.config.only_with and (conditions := Conditions(actor.layout, behavior.device)):
             self.conditions = [conditions] * len(groups)
         self.notes_acts = self.conditions is not None or actor.past.size > 0

@@ -77,11 +77,22 @@ def scaling_by_bounds(sensors: Sequence[pb.Sensor]) -> Scaling | None:
     if not sensors:
         return None
     low, high = (np.concatenate(part) for part in zip(*map(_bounds, sensors), strict=True))
-    known = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high)
+    known = _known(low, high)
     shift, scale = np.zeros(len(low), np.float32), np.ones(len(low), np.float32)
     shift[known] = (low[known] + high[known]) / 2
     scale[known] = 2 / (high[known] - low[known])
     return Scaling(shift, scale) if known.any() else None
+
+
+def is_bounded(sensor: pb.Sensor) -> bool:
+    """Return whether all elements of a sensor have bounds."""
+    return bool(_known(*_bounds(sensor)).all())
+
+
+def _known(low: Array, high: Array) -> Array:
+    """Return which elements have bounds, bool, from those of `_bounds`."""
+    known: Array = (np.abs(low) < NO_BOUND) & (np.abs(high) < NO_BOUND) & (low < high)
+    return known
 
 
 def _bounds(sensor: pb.Sensor) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from joybridge.config.metrics import Row
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
+from joybridge.layouts.conditions import ConditionsOfGames
 from joybridge.layouts.targets import covers
 from joybridge.policy.policy import Policy
 from joybridge.v1 import bridge_pb2 as pb
@@ -170,7 +171,9 @@ class Adviser:
         channels = [channel.name for channel in self._behavior.channels]
         if len(channels) > 1:
             return f"policy.reward_weights ({', '.join(channels)})"
-        return "policy.reward_weights, for which the game has to pay it in a reward channel of its own"
+        several = isinstance(self._policy.conditions and self._policy.conditions[0], ConditionsOfGames)
+        key = "games.NAME.reward_weights" if several else "policy.reward_weights"
+        return f"{key}, for which the game has to pay it in a reward channel of its own"
 
     def _far_sensors(self) -> Iterator[tuple[pb.Sensor, float]]:
         """Yield the sensors with numbers beyond LARGE_INPUT, and the largest size of one."""

@@ -159,7 +159,7 @@ def open_groups_of_games(config: Config, addresses: Sequence[str], snapshots: Se
         for home, counts in zip(of_groups, groups, strict=True)
         for game, arenas in zip(lineup.games.values(), counts, strict=True)
     ]
-    check_snapshots(snapshots, homes, addresses)
+    check_snapshots(snapshots, homes, addresses, len(lineup.games))
     saved, homes_left, first = iter(snapshots or ()), iter(homes), dict.fromkeys(lineup.games, 0)
     made: list[Group] = []
     bounds = group_bounds(config)
@@ -187,12 +187,15 @@ def open_groups_of_games(config: Config, addresses: Sequence[str], snapshots: Se
 
 
 def check_snapshots(
-    snapshots: Sequence[Snapshot] | None, homes: Sequence[Sequence[str]], addresses: Sequence[str]
+    snapshots: Sequence[Snapshot] | None, homes: Sequence[Sequence[str]], addresses: Sequence[str], games: int = 1
 ) -> None:
-    """Raise ConfigError unless there is a snapshot for each session, if there are any. homes: their addresses."""
+    """Raise ConfigError unless there is a snapshot for each session, if there are any. homes: their addresses.
+
+    games: how many are played, each in sessions of its own.
+    """
     sessions = sum(map(len, homes))
     if snapshots is not None and len(snapshots) != sessions:
         raise ConfigError(
-            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes)} groups at {len(addresses)} simulators "
-            f"make {sessions}; resume with {len(snapshots)} simulators"
+            f"the checkpoint holds {len(snapshots)} sessions, but {len(homes) // games} groups at {len(addresses)} "
+            f"simulators make {sessions}; resume with {len(snapshots) // games} simulators"
         )

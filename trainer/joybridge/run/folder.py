@@ -16,6 +16,7 @@ from joybridge.config.config import (
     MAY_CHANGE,
     OF_THE_GAME,
     PLAYABLE_KEYS,
+    PLAYABLE_KEYS_OF_A_GAME,
     Config,
     dump_config,
     load_config,
@@ -24,6 +25,7 @@ from joybridge.config.config_files import read_overrides
 from joybridge.config.differences import differences, in_words
 from joybridge.config.errors import ConfigError
 from joybridge.config.files import storing, write_atomically
+from joybridge.config.games import GameConfig
 from joybridge.config.wrong_keys import FORMS
 from joybridge.contract.files import read_file
 from joybridge.contract.spec import SpecError, check_spec
@@ -153,7 +155,13 @@ def play_config(run: Path, overrides: Sequence[str]) -> Config:
 def changes(before: Config, now: Config) -> dict[str, Any]:
     """Return what was in keys that have changed and may not in the middle of a run."""
     old, new = before.model_dump(), now.model_dump()
-    return {key: old[key] for key in new if old[key] != new[key] and key not in MAY_CHANGE}
+    changed = {key: old[key] for key in new if old[key] != new[key] and key not in (*MAY_CHANGE, "games")}
+    return changed | ({"games": old["games"]} if _played(before) != _played(now) else {})
+
+
+def _played(config: Config) -> list[tuple[str, GameConfig]]:
+    """Return several games in their order, which says where the parts of each are, wherever they are played."""
+    return [(name, one.model_copy(update={"simulator": ""})) for name, one in config.games.items()]
 
 
 def check_playable(trained: Config, played: Config, run: str) -> None:
@@ -163,4 +171,12 @@ def check_playable(trained: Config, played: Config, run: str) -> None:
             raise ConfigError(
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
                 f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"
+            )
+    for name, one in played.games.items():
+        was, fixed = trained.games.get(name), [*GameConfig.model_fields.keys() - set(PLAYABLE_KEYS_OF_A_GAME)]
+        wrong = [name] if was is None else [f"{name}.{key}" for key in fixed if getattr(one, key) != getattr(was, key)]
+        if wrong:
+            raise ConfigError(
+                f"games.{min(wrong)} belongs to the training of {run} and cannot change now; what can is written "
+                f"{', '.join(f'games.{name}.{FORMS[key]}' for key in OF_THE_GAME)}"
             )

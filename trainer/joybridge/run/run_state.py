@@ -138,13 +138,20 @@ def capture(
     return RunState(timesteps, arrays, parts)
 
 
-def take_weights(policies: Sequence[Policy], run: Path) -> int:
+def take_weights(policies: Sequence[Policy], run: Path, *, several: bool) -> int:
     """Give policies the networks that a run has trained; return for how many timesteps.
 
-    The run may have been one of several games, others than now: see `transferred`. Raises CheckpointError, and
-    ConfigError if the folder holds no run.
+    several: they play several games; so has the run then, perhaps others: see `transferred`. Raises CheckpointError,
+    and ConfigError if the folder holds no run.
     """
     state, trained = load_state(run), run_config(run)
+    if bool(trained.games) != several:
+        how, what = ("`games`", "the key `game`") if trained.games else ("the key `game`", "`games`")
+        raise CheckpointError(
+            f"{run} was trained with {how}, and this is a run with {what}, where a policy sees and controls other "
+            "things; write this one with the same key (`games` may have one name), or begin with demonstrations "
+            "(--demos)"
+        )
     for policy in policies:
         network = policy_state(state.arrays, policy.actor.name)
         if not network:
