@@ -57,7 +57,7 @@ OPTIONS = [
     option(
         "rewards",
         ["zero_sum", "separate"],
-        description="zero_sum: in every channel, an agent's own reward minus the mean of its rivals'; "
+        description="zero_sum: in every channel, an agent's own reward minus the mean of the rivals' that play; "
         "separate: its own",
     ),
 ]

@@ -82,9 +82,11 @@ def decide(arenas, streams, rules, velocity, clicks, scripts, rewards, ticks):
     lanes that wait are ignored. scripts [lanes]: 0, or which script plays instead, see scripts.py. rewards [lanes,
     channels] is written: zeros for lanes that wait.
     """
-    gained = np.zeros((rules.players, CHANNELS))
+    gained, playing = np.zeros((rules.players, CHANNELS)), np.zeros(rules.players, np.bool_)
     for i in range(len(arenas)):
         arena, first = arenas[i], i * rules.players
+        for j in range(rules.players):
+            playing[j] = not arena.players[j].out
         for j in range(rules.players):
             if scripts[first + j] > 0:
                 play(arena, j, scripts[first + j], rules)
@@ -99,7 +101,7 @@ def decide(arenas, streams, rules, velocity, clicks, scripts, rewards, ticks):
         if ends and arena.phase != OVER:
             _rank_the_remaining(arena, rules, gained)
         if rules.zero_sum:
-            _compare(gained)
+            _compare(gained, playing)
         for j in range(rules.players):
             player = arena.players[j]
             for channel in range(CHANNELS):
@@ -233,15 +235,22 @@ def _rank_the_remaining(arena, rules, gained):
 
 
 @compiled
-def _compare(gained):
-    """Subtract from what each player gained the mean of what the others did."""
-    players = len(gained)
+def _compare(gained, playing):
+    """Subtract from what each player gained the mean of what the others did.
+
+    Who was out before is compared by its place only: it would be paid for a ball that it cannot get.
+    """
     for channel in range(CHANNELS):
-        total = 0.0
-        for j in range(players):
-            total += gained[j, channel]
-        for j in range(players):
-            gained[j, channel] -= (total - gained[j, channel]) / (players - 1)
+        total, compared = 0.0, 0
+        for j in range(len(gained)):
+            if playing[j] or channel == PLACEMENT:
+                total += gained[j, channel]
+                compared += 1
+        for j in range(len(gained)):
+            if not playing[j] and channel != PLACEMENT:
+                gained[j, channel] = 0.0
+            elif compared > 1:
+                gained[j, channel] -= (total - gained[j, channel]) / (compared - 1)
 
 
 @compiled
