@@ -16,7 +16,7 @@ from joybridge.cli import main
 from joybridge.client.simulator_source import FILE, SimulatorSource, last_simulators, remember
 from joybridge.config.config import Config
 from joybridge.config.policy_config import PolicyConfig
-from joybridge.play.evaluate import _half_widths
+from joybridge.play.evaluate import _half_widths, _matches
 from joybridge.play.sweep import Results, plot, read_sweep
 from joybridge.run.train import train
 from tests.support.command_line import joybridge
@@ -256,6 +256,12 @@ def test_intervals_are_those_of_the_t_distribution():
     assert 0.92 < held / 400 < 0.98
     assert np.isnan(_half_widths([group, group[:1]])).all()
     assert (_half_widths([np.ones((3, 2))]) == 0).all()
+
+
+def test_agents_of_a_match_count_as_one_in_intervals():
+    finished = np.array([[0, 1, 5], [2, 7, 9], [1, 3, 5], [0, 2, 4], [3, 9, 9], [1, 4, 4]], float)  # two arenas of two
+    assert _matches(finished, 2)[:, 1:].tolist() == [[2, 5], [3, 4], [8, 9]]
+    assert _matches(finished, 1) is finished
 
 
 def test_a_policy_without_a_seat_in_so_few_episodes_is_named(simulator, tmp_path):

@@ -27,6 +27,7 @@ from joybridge.policy.player import PolicyPlayer
 from joybridge.policy.seats import Seats
 from joybridge.policy.table import Table
 from joybridge.run.matches import Match, locked_log, read_matches, write_matches
+from joybridge.run.others import seat_others
 from joybridge.run.pool import thinned
 from joybridge.run.train import train
 from joybridge.simulator import Game, behavior, button, channel, sensor, spec
@@ -229,6 +230,13 @@ def test_a_run_is_evaluated_with_another_one_in_all_seats_but_its_own(run, simul
     assert main([*video, "--simulator", simulator]) == 0
 
 
+def test_all_others_play_about_equally_often(simulator):
+    noughts = describe(simulator, "noughts", {})
+    scripts = ["script:perfect", "script:random", "script:careless"]
+    table = seat_others(scripts, "noughts", noughts, 7, 0)
+    assert table.seats.dealt.tolist() == [[0, 1], [0, 2], [0, 3]] * 2 + [[0, 1]]
+
+
 def test_others_are_refused_where_they_cannot_play(run, simulator, tmp_path, capsys):
     archer = Config(game="archer", arenas=2, total_timesteps=32, log_interval=32, policy=SMALL)
     train(archer, tmp_path / "archer", [simulator], resume=False)
@@ -304,6 +312,13 @@ def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp
     assert numbers["ratings"]["script:random"]["value"] == 0 < numbers["ratings"]["script:perfect"]["value"]
 
 
+def test_another_run_is_called_by_what_it_had_learned_and_nobody_plays_under_two_names(run, simulator, tmp_path):
+    shutil.copytree(run, tmp_path / "other")
+    others = ["--others", run, "--others", f"{run}@128", "--others", tmp_path / "other"]
+    rated(simulator, run, *others, "--policies", 2, "--output", tmp_path)
+    assert {name for match in read_matches(tmp_path) for name in match.players} == {"run@128", "run@512", "other@512"}
+
+
 def test_a_match_that_people_play_meanwhile_is_kept(run, simulator, tmp_path, monkeypatch):
     person = Match(players=("anna", "run@512"), places=(1, 2), seed=99)
 
@@ -340,6 +355,12 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
     assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         run, "--others", "script:fool"
     )
+    few = ["--matches", 1, "--seed", 0, "--output", tmp_path / "few"]
+    assert "run@128, whose rating would be 0, has played in none of 1 matches" in refused(run, *few)
+    shutil.copytree(run, tmp_path / "moved")
+    config = tmp_path / "moved" / "config.yaml"
+    config.write_text(config.read_text().replace("pointer_speed: 0.1", "pointer_speed: 0.5"))
+    assert "has another `pointer` than" in refused(run, tmp_path / "moved")
     shutil.copytree(run, tmp_path / "damaged")
     (tmp_path / "damaged" / "rating").mkdir()
     (tmp_path / "damaged" / "rating" / "matches.jsonl").write_text("{}\n")

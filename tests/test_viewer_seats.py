@@ -8,8 +8,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from joybridge.cli import main
-from joybridge.client.client import Session
+from joybridge.client.client import Session, describe
 from joybridge.config.config import Config
+from joybridge.config.errors import ConfigError
 from joybridge.config.policy_config import PolicyConfig
 from joybridge.play.playing import PlaySpec, open_play
 from joybridge.run.matches import read_matches
@@ -89,6 +90,13 @@ def test_matches_of_a_person_with_one_seat_go_to_the_log_that_rate_reads(simulat
     matches = read_matches(tmp_path / "rating")
     assert ends > 2 and len(matches) in (ends, ends + 1)  # one may end with its first decision
     assert all(match.players == ("script:perfect", "Ada") and match.places[0] <= match.places[1] for match in matches)
+
+
+def test_people_are_rated_under_the_settings_of_the_training_only(simulator, run):
+    game = describe(simulator, "hybrid", {})
+    rate_people([str(run)], ["Ada"], game, Settings(1, {"masks": "off"}, {}))
+    with pytest.raises(ConfigError, match=r"put back options.masks, or leave --rate out"):
+        rate_people([str(run)], ["Ada"], game, Settings(1, {"masks": "on"}, {}))
 
 
 def together(url):

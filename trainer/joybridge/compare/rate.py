@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
         "may be repeated",
     )
     rates.add_argument(
-        "--seed", type=at_least(0, SEEDS), default=1, help="seed of games, seats and samples; default %(default)s"
+        "--seed", type=at_least(0, SEEDS), default=1000, help="seed of games, seats and samples; default %(default)s"
     )
     rates.add_argument(
         "--anchor", metavar="PLAYER", help="whose rating is 0; default: the earliest policy of the first run"
@@ -93,6 +93,10 @@ def rate_runs(options: argparse.Namespace) -> None:
         check_code(run, other)
         if other.game != config.game:
             raise ConfigError(f"{run} plays {other.game}, expected {config.game} as {first}; name runs of one game")
+        if (other.pointer, other.pointer_speed) != (config.pointer, config.pointer_speed):
+            raise ConfigError(f"{run} has another `pointer` than {first}, so its axes mean other things; leave one out")
+        if other.in_last_lesson().hand != config.hand:
+            say(f"{run} plays with the hand of {first}, which differs from its own")
     simulators = choose_simulators(
         wanted_simulators(options), last_simulators(first), config, say, trust=options.trust_run
     )
@@ -100,7 +104,7 @@ def rate_runs(options: argparse.Namespace) -> None:
         address = connect()[0]
         from joybridge.play.tournament import play_tournament
         from joybridge.policy.config_fit import fitting_spec
-        from joybridge.run.others import load_other
+        from joybridge.run.others import load_other, rated_name, run_of
         from joybridge.run.trained import find_trained, load_actors
 
         spec = fitting_spec(address, config)
@@ -117,8 +121,12 @@ def rate_runs(options: argparse.Namespace) -> None:
                 f"{first} has one checkpoint, and a tournament needs two players; keep more with keep_checkpoints, or "
                 "add a run or --others"
             )
-        players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()}
-        players |= {name: load_other(name, config.game, spec) for name in options.others}
+        others = {}
+        for name in options.others:
+            called = rated_name(name)
+            elsewhere = called in trained and run_of(name) not in configs  # a run of the same name in another folder
+            others[name if elsewhere else called] = load_other(name, config.game, spec)
+        players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()} | others
         names, before = list(players), read_matches(folder)
         settings = " ".join(sorted(options.overrides))
         check_settings_of_log(before, settings, folder)
@@ -142,6 +150,11 @@ def rate_runs(options: argparse.Namespace) -> None:
     with locked_log(folder):  # people may have played in the meantime
         log = [*others_matches(read_matches(folder), names, options.seed), *new]
         write_matches(folder, log)
+    if anchor not in {player for match in log for player in match.players}:
+        raise ConfigError(
+            f"{anchor}, whose rating would be 0, has played in none of {len(log):,} matches, which are kept; play more "
+            "with --matches and another --seed, or name another player with --anchor"
+        )
     say(f"rating {len(log):,} matches")
     tournament = Tournament(
         title=config.game,

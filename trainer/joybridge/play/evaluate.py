@@ -110,19 +110,41 @@ def _summarize(table: Episodes, play: Play, behavior: int, inputs: Mapping[int, 
     choices = play.choices
     choice_of = table.finished[:, 0].astype(int) * len(choices) // len(table.reward)
     groups = [table.finished[choice_of == index, 1:] for index in range(len(choices))]
+    matches = _matches(table.finished, len(table.reward) // play.arenas)
+    match_of = matches[:, 0].astype(int) * len(choices) // len(table.reward)
+    half_widths = _half_widths([matches[match_of == index, 1:] for index in range(len(choices))])
     means = np.mean([group.mean(axis=0) for group in groups], axis=0)
     names = ["reward", "length", *table.metrics]
     return Evaluation(
         timesteps=play.timesteps,
         episodes=len(table.finished),
         means=dict(zip(names, means.tolist(), strict=True)),
-        half_widths=dict(zip(names, _half_widths(groups).tolist(), strict=True)),
+        half_widths=dict(zip(names, half_widths.tolist(), strict=True)),
         returns=table.finished[:, 1].tolist(),
         by_choice={choice: float(g[:, 0].mean()) for choice, g in zip(choices, groups, strict=True) if choice},
         changed=play.changed,
         behavior=play.spec.behaviors[behavior].name,
         inputs=inputs.get(behavior),
     )
+
+
+def _matches(finished: Array, agents: int) -> Array:
+    """Return the means of the rows of each match, whose agents are not independent of each other.
+
+    finished: a row per episode, its lane first. agents: of an arena, whose lanes are side by side.
+    """
+    if agents == 1:
+        return finished
+    lanes = finished[:, 0].astype(int)
+    order = np.argsort(lanes, kind="stable")
+    _, begins, counts = np.unique(lanes[order], return_index=True, return_counts=True)
+    episodes = np.empty(len(lanes), int)
+    episodes[order] = np.arange(len(lanes)) - np.repeat(begins, counts)
+    _, match = np.unique([lanes // agents, episodes], axis=1, return_inverse=True)
+    sums = np.zeros((match.max() + 1, finished.shape[1]))
+    np.add.at(sums, match, finished)
+    means: Array = sums / np.bincount(match)[:, None]
+    return means
 
 
 def _half_widths(groups: Sequence[Array]) -> Array:

@@ -13,7 +13,7 @@ from joybridge.config.errors import ConfigError, no_export
 from joybridge.policy.actor import Actor, trained_actors
 from joybridge.policy.scripted import find_scripts
 from joybridge.policy.table import Guest, Table
-from joybridge.run.checkpoint import load_checkpoint
+from joybridge.run.checkpoint import checkpoints, load_checkpoint
 from joybridge.run.folder import run_config
 from joybridge.run.own_code import check_code
 from joybridge.run.trained import load_actors, trained_after
@@ -30,18 +30,28 @@ def run_of(name: str) -> Path | None:
     return run
 
 
+def rated_name(name: str) -> str:
+    """Return how `joybridge rate` calls somebody of this name."""
+    run = run_of(name)
+    if run is None:
+        return name
+    return f"{run.name}@{int(checkpoints(run)[-1].name)}" if run == Path(name) else Path(name).name
+
+
 def seat_others(names: Sequence[str], game: str, spec: pb.GameSpec, arenas: int, seed: int) -> Table:
     """Return the seats of some arenas in which all that are named play, in turn, but for the first agent of each arena.
 
-    game: its name. The first agent, whose holder is 0, is somebody else's. Raises CheckpointError and ConfigError.
+    The turn goes on in the next arena, so all play about equally often. game: its name. The first agent, whose holder
+    is 0, is somebody else's. Raises CheckpointError and ConfigError.
     """
     table = Table(spec, arenas, seed)
     if table.seats.count < 2:
         raise ConfigError(f"others: {spec.name} has one agent, which plays alone; leave them out")
     for number, name in enumerate(names, 1):
         table.join(number, load_other(name, game, spec))
+    free = table.seats.count - 1  # in each arena
     for arena in range(arenas):
-        table.seats.begin(arena, [0, *(1 + np.arange(table.seats.count - 1) % len(names))])
+        table.seats.begin(arena, [0, *(1 + (arena * free + np.arange(free)) % len(names))])
     return table
 
 

@@ -56,7 +56,7 @@ class PageGame:
     against: Against | None = None  # opens the rival of each session
     demos: Path | None = None  # the folder in which each session is recorded
     others: "Callable[[pb.GameSpec, Settings], Players] | None" = None  # loads who hold the other seats
-    rated: "Callable[[pb.GameSpec], RatedMatches] | None" = None  # opens the log of the matches
+    rated: "Callable[[pb.GameSpec, Settings], RatedMatches] | None" = None  # opens the log of the matches
 
 
 def welcome(simulator: Simulator, what: PageGame, settings: Settings) -> Callable[[ServerConnection], None]:
@@ -106,7 +106,7 @@ def _play_session(room: Room, simulator: Simulator, what: PageGame, settings: Se
             if what.others:
                 arena.seat(what.others(arena.spec, settings))
             if what.rated:
-                arena.rated = what.rated(arena.spec)
+                arena.rated = what.rated(arena.spec, settings)
             return _play_arena(room, arena, rival, what.demos)
     except SimulatorLost as error:
         room.send_all(error_message("lost", error))

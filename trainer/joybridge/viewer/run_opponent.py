@@ -12,12 +12,11 @@ from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import fixed
 from joybridge.contract.codec import lane_count
 from joybridge.contract.tensors import Array
-from joybridge.play.playing import Play, PlaySpec, open_play
+from joybridge.play.playing import Play, PlaySpec, changed_settings, open_play
 from joybridge.policy.players import Players
 from joybridge.policy.table import Table
-from joybridge.run.checkpoint import checkpoints
 from joybridge.run.folder import play_config
-from joybridge.run.others import load_other, run_of
+from joybridge.run.others import load_other, rated_name, run_of
 from joybridge.v1 import bridge_pb2 as pb
 from joybridge.viewer.arena import Settings
 from joybridge.viewer.rated import RatedMatches
@@ -63,28 +62,27 @@ def load_others(names: Sequence[str], game: str, spec: pb.GameSpec, settings: Se
     players, table = Players([], config, spec, 1, settings.seed), Table(spec, 1, settings.seed)
     for number, name in enumerate(names):
         table.join(number, load_other(name, game, spec))
-    table.seats.begin(0, np.arange(table.seats.count) % len(names))
+    table.seats.begin(0, (np.arange(table.seats.count) - 1) % len(names))  # a person alone holds the first seat
     players.seat(table)
     return players
 
 
-def rate_people(names: Sequence[str], people: Sequence[str], spec: pb.GameSpec) -> RatedMatches:
+def rate_people(names: Sequence[str], people: Sequence[str], spec: pb.GameSpec, settings: Settings) -> RatedMatches:
     """Return the log of matches between people and others. names: of the others, see `load_others`.
 
-    It is in the folder `rating` of the first run among them, or of the current folder.
+    It is in the folder `rating` of the first run among them, or of the current folder. Raises ConfigError if the
+    settings are not those of this run's training, because its log holds matches under these.
     """
-    folder = next((run for name in names if (run := run_of(name))), Path()) / "rating"
+    run = next((run for name in names if (run := run_of(name))), None)
+    if run and (changed := changed_settings(play_config(run, ()), play_config(run, _overrides(settings)), spec)):
+        raise ConfigError(
+            f"--rate: matches are rated under the settings with which {run} was trained; put back "
+            f"{', '.join(changed)}, or leave --rate out"
+        )
+    folder = (run or Path()) / "rating"
     called = [rated_name(name) for name in names] or [""]  # without others, people hold all seats
     seats = sum(lane_count(behavior, 1) for behavior in spec.behaviors)
-    return RatedMatches(folder, spec, [called[seat % len(called)] for seat in range(seats)], people)
-
-
-def rated_name(name: str) -> str:
-    """Return how `joybridge rate` calls somebody of this name."""
-    run = run_of(name)
-    if run is None:
-        return name
-    return f"{run.name}@{int(checkpoints(run)[-1].name)}" if run == Path(name) else Path(name).name
+    return RatedMatches(folder, spec, [called[(seat - 1) % len(called)] for seat in range(seats)], people)
 
 
 def run_settings(argument: str, run: Path, game: str, settings: Settings) -> Settings:
