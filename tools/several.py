@@ -95,8 +95,10 @@ def main() -> None:
     study = STUDIES[options.config]
     known = study.page.with_name("scores.json")
     scores: Scores = json.loads(known.read_text()) if known.exists() else {}
+    if SINGLE not in scores and SINGLE not in options.kinds:
+        parser.error(f"--kinds: others are compared with {SINGLE!r}, which was not trained yet; name it, too")
     for seed in options.seeds.split(","):
-        for kind in dict.fromkeys([SINGLE, *options.kinds]):
+        for kind in options.kinds:
             for run, end, changes in runs_of(study, kind):
                 found, speed = play(study, f"{run}-s{seed}", end, [*changes, f"seed={seed}"])
                 for column, value in {**found, f"{SPEED} of {run}": speed}.items():
@@ -133,15 +135,16 @@ def page(study: Study, scores: Scores) -> str:
     """Return the page about some scores."""
     kinds, shares = [kind for kind in KINDS if kind in scores and kind != SINGLE], study.shares
     found = {kind: np.array([[*scores[kind][game].values()] for game in shares]) for kind in (SINGLE, *kinds)}
-    seeds, some = ",".join(next(iter(scores[SINGLE].values()))), f" --kinds {' '.join(map(quote, kinds))}"
-    command = (
-        f"python -m tools.several --config {study.config.stem} --seeds {seeds}{some if len(found) < len(KINDS) else ''}"
-    )
+    alike: dict[str, list[str]] = {}  # kinds by their seeds
+    for kind in found:
+        alike.setdefault(",".join(next(iter(scores[kind].values()))), []).append(quote(kind))
+    begin = f"python -m tools.several --config {study.config.stem}"
+    made_by = (f"`{begin} --seeds {seeds} --kinds {' '.join(some)}`" for seeds, some in alike.items())
     fewer = [f", of `{game}` {round(study.timesteps * own):,}" for game, own in shares.items() if own != 1]
     success = [f" (`{game}`: of the share of successes)" for game in shares if game in SCORES]
     alone = [f"Alone, `{game}` has `{' '.join(changes)}`. " for game, changes in ALONE.items() if game in shares]
     made = (
-        f"Made in the checkout by `{command}`: `{study.config}`. A policy of one game has learned from "
+        f"Made in the checkout by {' and '.join(made_by)}: `{study.config}`. A policy of one game has learned from "
         f"{study.timesteps:,} timesteps{''.join(fewer)}; `joint` from a sixth of what all six together have, the "
         f"other joint ones from all of it. A number is the mean over n seeds of the interquartile mean of {EPISODES} "
         f"returns{''.join(success)}. Beside it is its share of that of a policy for each game, with the 95 % interval "
@@ -213,7 +216,7 @@ def scores_of(run: Path) -> dict[str, float]:
 def share(joint: Array, single: Array) -> str:
     """Return the share of joint policies' scores in single ones', both [games, seeds]: a mean over games, as text."""
     middle = (joint.mean(axis=1) / single.mean(axis=1)).mean()
-    if joint.shape[1] == 1:
+    if 1 in (joint.shape[1], single.shape[1]):
         return f"{middle:z.0%}"
     rng = np.random.default_rng(0)
     drawn = [
