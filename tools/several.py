@@ -170,8 +170,10 @@ def page(study: Study, scores: Scores) -> str:
             )
         )
     pace = []
-    for kind, columns in scores.items():
-        speeds = [each for column, values in columns.items() if column.startswith(SPEED) for each in values.values()]
+    for kind in found:
+        speeds = [
+            each for column, values in scores[kind].items() if column.startswith(SPEED) for each in values.values()
+        ]
         pace.append(f"{kind}: {np.median(speeds):,.0f}")
     lines = [
         f"# One policy for six games, and one for each, from {study.config.stem.removeprefix('six_')}",
@@ -181,8 +183,7 @@ def page(study: Study, scores: Scores) -> str:
         table(["game", *(f"{kind} (n = {each.shape[1]})" for kind, each in found.items())], rows),
         "",
         *([*remarks, ""] if remarks else []),
-        "Timesteps per second, medians, on shared machines whose load changed from run to run:",
-        f"{'; '.join(pace)}.",
+        filled(f"Timesteps/s, medians, on shared machines whose load changed from run to run: {'; '.join(pace)}."),
         "",
     ]
     return "\n".join(lines)
