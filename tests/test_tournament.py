@@ -313,10 +313,13 @@ def test_scripts_of_a_game_are_players_and_can_be_the_anchor(run, simulator, tmp
 
 
 def test_another_run_is_called_by_what_it_had_learned_and_nobody_plays_under_two_names(run, simulator, tmp_path):
-    shutil.copytree(run, tmp_path / "other")
-    others = ["--others", run, "--others", f"{run}@128", "--others", tmp_path / "other"]
+    other, again = tmp_path / "other", tmp_path / "again" / "other"
+    for folder in (other, again):
+        shutil.copytree(run, folder)
+    others = [word for name in (run, f"{run}@128", other, again) for word in ("--others", name)]
     rated(simulator, run, *others, "--policies", 2, "--output", tmp_path)
-    assert {name for match in read_matches(tmp_path) for name in match.players} == {"run@128", "run@512", "other@512"}
+    players = {name for match in read_matches(tmp_path) for name in match.players}
+    assert players == {"run@128", "run@512", "other@512", str(again)}
 
 
 def test_a_match_that_people_play_meanwhile_is_kept(run, simulator, tmp_path, monkeypatch):
@@ -351,6 +354,7 @@ def test_what_cannot_be_rated_is_refused_by_name(run, simulator, tmp_path):
     assert "archer has one agent, and a match needs two" in refused(tmp_path / "archer")
     assert f"{tmp_path / 'archer'} plays archer, expected noughts as {run}" in refused(run, tmp_path / "archer")
     assert "has one checkpoint, and a tournament needs two players" in refused(run, "--policies", 1)
+    assert f"{tmp_path / 'none'} is not the folder of a run" in refused(run, "--others", tmp_path / "none")
     assert "--anchor got 'perfect', expected one of run@128, run@256" in refused(run, "--anchor", "perfect")
     assert "script:fool: noughts has no such script for player, which has perfect, careless, random" in refused(
         run, "--others", "script:fool"

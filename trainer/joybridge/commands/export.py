@@ -45,6 +45,5 @@ def _export(options: argparse.Namespace) -> None:
     games_of_run = last_simulators(options.run).simulators.games
     programs = [each.removeprefix(PYGAME) for each in games_of_run if each.startswith(PYGAME)]
     if programs and games == [""]:  # a policy of several games sees and controls what they have in common
-        say_next(
-            "drive", printable(programs[0]), str(options.output)
-        )  # no exported file holds the settings of a program
+        # No exported file holds the settings of a program.
+        say_next("drive", printable(programs[0]), str(options.output))

@@ -95,7 +95,7 @@ def rate_runs(options: argparse.Namespace) -> None:
             raise ConfigError(f"{run} plays {other.game}, expected {config.game} as {first}; name runs of one game")
         if (other.pointer, other.pointer_speed) != (config.pointer, config.pointer_speed):
             raise ConfigError(f"{run} has another `pointer` than {first}, so its axes mean other things; leave one out")
-        if other.in_last_lesson().hand != config.hand:
+        if run != first and other.in_last_lesson().hand != config.hand:
             say(f"{run} plays with the hand of {first}, which differs from its own")
     simulators = choose_simulators(
         wanted_simulators(options), last_simulators(first), config, say, trust=options.trust_run
@@ -123,9 +123,9 @@ def rate_runs(options: argparse.Namespace) -> None:
             )
         others = {}
         for name in options.others:
-            called = rated_name(name)
-            elsewhere = called in trained and run_of(name) not in configs  # a run of the same name in another folder
-            others[name if elsewhere else called] = load_other(name, config.game, spec)
+            loaded, called = load_other(name, config.game, spec), rated_name(name)
+            taken = called in others or (called in trained and run_of(name) not in configs)  # by another folder's run
+            others[name if taken else called] = loaded
         players = {name: load_actors(one, configs[one.run], spec) for name, one in trained.items()} | others
         names, before = list(players), read_matches(folder)
         settings = " ".join(sorted(options.overrides))

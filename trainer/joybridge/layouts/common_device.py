@@ -124,9 +124,9 @@ def _read(devices: Mapping[str, pb.Device], by_hand: Mapping[str, Sequence[str]]
 
 def _kind_of_both(one: pb.AxisKind, other: pb.AxisKind) -> pb.AxisKind:
     """Return what an axis of two games is: what moves something in one of them cannot be placed."""
-    if one == other or pb.AXIS_KIND_VELOCITY not in (one, other):
-        return one if one == other else pb.AXIS_KIND_UNSPECIFIED
-    return pb.AXIS_KIND_VELOCITY
+    if one == other:
+        return one
+    return pb.AXIS_KIND_VELOCITY if pb.AXIS_KIND_VELOCITY in (one, other) else pb.AXIS_KIND_UNSPECIFIED
 
 
 def _axis_roles(device: pb.Device, game: str, chosen: Mapping[tuple[str, str], str]) -> list[str]:

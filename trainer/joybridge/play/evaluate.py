@@ -140,7 +140,7 @@ def _matches(finished: Array, agents: int) -> Array:
     _, begins, counts = np.unique(lanes[order], return_index=True, return_counts=True)
     episodes = np.empty(len(lanes), int)
     episodes[order] = np.arange(len(lanes)) - np.repeat(begins, counts)
-    _, match = np.unique([lanes // agents, episodes], axis=1, return_inverse=True)
+    _, match = np.unique(lanes // agents * len(lanes) + episodes, return_inverse=True)
     sums = np.zeros((match.max() + 1, finished.shape[1]))
     np.add.at(sums, match, finished)
     means: Array = sums / np.bincount(match)[:, None]

@@ -172,11 +172,12 @@ def check_playable(trained: Config, played: Config, run: str) -> None:
                 f"{key} belongs to the training of {run} and cannot change now; what can is written "
                 f"{', '.join(FORMS[key] for key in (*OF_THE_GAME, 'hand'))}"
             )
+    fixed = [key for key in GameConfig.model_fields if key not in PLAYABLE_KEYS_OF_A_GAME]
     for name, one in played.games.items():
-        was, fixed = trained.games.get(name), [*GameConfig.model_fields.keys() - set(PLAYABLE_KEYS_OF_A_GAME)]
+        was = trained.games.get(name)
         wrong = [name] if was is None else [f"{name}.{key}" for key in fixed if getattr(one, key) != getattr(was, key)]
         if wrong:
             raise ConfigError(
-                f"games.{min(wrong)} belongs to the training of {run} and cannot change now; what can is written "
+                f"games.{wrong[0]} belongs to the training of {run} and cannot change now; what can is written "
                 f"{', '.join(f'games.{name}.{FORMS[key]}' for key in OF_THE_GAME)}"
             )
