@@ -256,6 +256,42 @@ def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave
         np.testing.assert_allclose(values, played[0][1], rtol=1e-5)
 
 
+@pytest.mark.parametrize("shared_encoder", [True, False])
+def test_images_join_and_leave_with_their_games(shared_encoder, simulator):
+    policy = {"frame_stack": 2, "hidden_sizes": [8], "image_encoder": "moments", "shared_encoder": shared_encoder}
+    marble = {"marble": {"options": {"observation": "screen"}}}
+    birds = {"shooting_birds": {"options": {"observation": "fovea+wide"}}}
+    played: list[tuple[np.ndarray, np.ndarray]] = []
+    before: Actor | None = None
+    for games in (marble, birds | marble, marble):
+        config = make_config({"games": games, "policy": policy, "layout": "hybrid"})
+        lineup = make_lineup(simulator, config)
+        (actor,) = make_actors(config, lineup.spec)
+        rng = np.random.default_rng(1)
+        if before:
+            actor.load(transferred(before, actor))
+        else:
+            actor.load({n: rng.normal(size=array.shape).astype(np.float32) for n, array in actor.state().items()})
+        device, sensors = lineup.spec.behaviors[0].device, lineup.spec.behaviors[0].sensors
+        (act,) = make_acts(lineup.spec, 5)
+        axes = [axis.name for axis in device.axes]
+        rng = np.random.default_rng(2)
+        shown = {s.name: np.zeros((2, 5, *s.shape), np.uint8) for s in sensors}
+        shown["screen"] = rng.integers(0, 255, shown["screen"].shape, np.uint8)
+        frames = [actor.see([shown[s.name][at] for s in sensors]) for at in range(2)]
+        stacks = tuple(np.stack(pair, axis=1) for pair in zip(*(frame.images for frame in frames), strict=True))
+        seen = Observation(np.concatenate([frame.numbers for frame in frames], axis=1), stacks)
+        noise = Noise(np.zeros((5, actor.layout.space.continuous), np.float32), np.zeros((5, 9), np.float32))
+        acted = actor.act(seen, None, noise, deterministic=True)
+        actor.layout.write(acted.action.continuous, acted.action.discrete, act)
+        played.append((act.axes[:, [axes.index("x"), axes.index("y")]], acted.values))
+        before = actor
+    assert np.ptp(played[0][1]) > 0.1
+    for moved, values in played[1:]:
+        np.testing.assert_allclose(moved, played[0][0], rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(values, played[0][1], rtol=1e-4)
+
+
 @pytest.fixture(scope="module")
 def run(simulator, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("several") / "run"

@@ -1,17 +1,20 @@
 """The network of one set of games as that of another: what both see and control keeps its weights, by name.
 
-So a game can join a policy or leave it. What is new among the numbers that a policy sees has no weight at first, so it
-plays the games that stay as before; what is new among the parts of the device begins untrained. With `remember_acts`,
-it saw the parts that leave, too, so only joining changes nothing.
+So a game can join a policy or leave it. What is new among the numbers and images that a policy sees has no weight at
+first, so it plays the games that stay as before; what is new among the parts of the device begins untrained. Images
+that leave were black in the games that stay, and go on to count as if they still were. With `remember_acts`, a policy
+saw the parts that leave, too, so only joining changes nothing.
 """
 
 from collections.abc import Hashable, Sequence
 
 import numpy as np
+import torch
 
 from joybridge.contract.limits import element_count
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
+from joybridge.ppo.convolutions import ImageEncoder
 
 
 def transferred(before: Actor, now: Actor) -> dict[str, Array]:
@@ -20,11 +23,14 @@ def transferred(before: Actor, now: Actor) -> dict[str, Array]:
     Arrays that cannot be brought into another form stay as they are, and `load` says what does not fit.
     """
     saved, fresh = before.state(), now.state()
-    made = dict(saved)
+    made = _with_images(saved, fresh, [*before.encoder.images], [*now.encoder.images])
     for name, array in saved.items():
         if name in ("actor.hidden.0.weight", "critic.hidden.0.weight"):
-            keys = [_inputs(actor, state[name].shape[1]) for actor, state in ((before, saved), (now, fresh))]
+            tower = ["actor", "critic"].index(name.partition(".")[0])
+            keys = [_inputs(actor, tower, state[name].shape[1]) for actor, state in ((before, saved), (now, fresh))]
             made[name] = _placed(array.T, np.zeros_like(fresh[name].T), keys[0], keys[1]).T
+            bias = name.replace("weight", "bias")
+            made[bias] = saved[bias] + array @ _of_black(before, now, tower, keys[0])
         elif name == "actor.head.weight":
             made[name] = _placed(array, fresh[name], _outputs(before), _outputs(now))
         elif name == "mean_bias":
@@ -45,7 +51,43 @@ def _placed(array: Array, into: Array, before: Sequence[Hashable], now: Sequence
     return rows
 
 
-def _inputs(actor: Actor, columns: int) -> list[Hashable]:
+def _with_images(
+    saved: dict[str, Array], fresh: dict[str, Array], before: Sequence[str], now: Sequence[str]
+) -> dict[str, Array]:
+    """Return saved parameters, with the convolutions of the images `now` instead of `before`; new ones untrained."""
+    made: dict[str, Array] = {}
+    for name, array in saved.items():
+        head, convolutions, tail = name.partition(".convolutions.")
+        number, _, rest = tail.partition(".")
+        if not convolutions:
+            made[name] = array
+        elif before[int(number)] in now:
+            made[f"{head}{convolutions}{now.index(before[int(number)])}.{rest}"] = array
+    return {name: array for name, array in fresh.items() if ".convolutions." in name} | made
+
+
+def _encoder(actor: Actor, tower: int) -> ImageEncoder | None:
+    """Return what encodes images for the actor (0) or the critic (1) of a policy, if it has images."""
+    encoders = actor.network.encoders
+    encoder = encoders[min(tower, len(encoders) - 1)] if encoders else None
+    return encoder if isinstance(encoder, ImageEncoder) else None
+
+
+@torch.inference_mode()
+def _of_black(before: Actor, now: Actor, tower: int, keys: Sequence[Hashable]) -> Array:
+    """Return the inputs of a tower's first dense layer: what black images that have left are to it, and zeros."""
+    inputs, encoder = np.zeros(len(keys), np.float32), _encoder(before, tower)
+    if encoder is not None:
+        for name, body in zip(before.encoder.images, encoder.bodies, strict=True):
+            if name not in now.encoder.images:
+                black = torch.zeros(1, before.config.frame_stack, *body.image.shape, dtype=torch.uint8)
+                features, _ = body(black.to(before.accelerator))
+                first = keys.index((name, 0))
+                inputs[first : first + body.features] = features[0].numpy(force=True)
+    return inputs
+
+
+def _inputs(actor: Actor, tower: int, columns: int) -> list[Hashable]:
     """Return a key for each input of the first dense layer: past acts, numbers of each frame, features of images."""
     frame = [
         (sensor.name, sensor.elements[index] if sensor.elements else index)
@@ -54,6 +96,9 @@ def _inputs(actor: Actor, columns: int) -> list[Hashable]:
     ]
     keys: list[Hashable] = [*actor.past.keys]
     keys += [(number, *key) for number in range(actor.config.frame_stack) for key in frame]
+    if encoder := _encoder(actor, tower):
+        bodies = zip(actor.encoder.images, encoder.bodies, strict=True)
+        keys += [(image, feature) for image, body in bodies for feature in range(body.features)]
     return [*keys, *range(columns - len(keys))]
 
 
