@@ -111,7 +111,8 @@ def test_a_program_that_fails_after_an_episode_costs_the_running_one(tmp_path, c
 
 
 SAVES_BY_PLACE = """
-import json, os, pathlib
+import json, os, pathlib, shutil, sqlite3
+from contextlib import closing
 HERE = pathlib.Path(__file__).resolve().parent
 for path in (HERE / 'scores.json', HERE / 'saves' / 'new.json', pathlib.Path(os.path.dirname(__file__), 'large.bin')):
     path.parent.mkdir(exist_ok=True)
@@ -124,6 +125,12 @@ for path in (HERE / 'scores.json', HERE / 'saves' / 'new.json', pathlib.Path(os.
 (HERE / 'scores.tmp').write_text('7')
 os.replace(HERE / 'scores.tmp', HERE / 'scores.json')
 assert json.loads((HERE / 'scores.json').read_text()) == 7 and 'scores.json' in os.listdir(HERE)
+pygame.image.save(pygame.Surface((2, 1)), HERE / 'shot.png')
+assert pygame.image.load(HERE / 'shot.png').get_size() == (2, 1)
+with closing(sqlite3.connect(HERE / 'scores.db')) as scores:
+    scores.execute('create table scores (points)')
+assert (HERE / 'scores.db').exists()
+shutil.copy2(HERE / 'scores.json', HERE / 'scores.bak')
 try:
     open(HERE / '..' / 'x', 'w')
 except PermissionError:

@@ -41,6 +41,8 @@ def test_a_server_gives_its_program_rewards_keys_and_arguments(tmp_path):
     listed = joybridge("list", *words)
     assert "rewards: score (weight 1)" in listed.output
     assert "key_UP (released | pressed [ArrowUp]), key_a (released | pressed [KeyA])" in " ".join(listed.output.split())
+    quoted = joybridge("list", "--pygame", f"{path} -- --level", "--keys", "UP,a")
+    assert "key_UP" in quoted.output and "key_LEFT" not in quoted.output
     with server(*words) as process, Session(process.address, "program", arenas=2, seed=1) as session:
         (step,) = session.step(make_acts(session.spec, 2))
         process.kill()  # then the processes of the program end by themselves
@@ -226,6 +228,9 @@ def test_a_hook_and_a_configuration_are_written_for_a_program(tmp_path, monkeypa
     game: Any = load_game(place)
     game.processes.end()
     assert game.look.channels == ["reward"]
+    (tmp_path / "far").mkdir()
+    assert joybridge("new", "--pygame", "game.py hook=game_hook.py", "--folder", "far").status == 0
+    assert 'hook: "../game_hook.py"' in (tmp_path / "far" / "game.yaml").read_text()
     again = joybridge("new", "--pygame", "game.py")
     assert again.status == 2 and "game.yaml exists and is not overwritten" in again.errors
 

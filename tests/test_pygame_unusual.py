@@ -7,7 +7,7 @@ from joybridge.adapters.pygame_programs.settings import read_pygame_settings
 from joybridge.contract.codec import ActArrays
 from joybridge.contract.limits import MAX_DESCRIPTION
 from joybridge.simulator.catalog import CatalogError, load_game
-from tests.support.programs import HEAD, LOOP, SHOW, opened, program, steps
+from tests.support.programs import HEAD, LOOP, SHOW, opened, program, steps, still
 
 COUNT = "def state(program): return [program.n]\n"
 
@@ -120,14 +120,38 @@ def test_generators_that_are_made_before_the_first_frame_have_other_numbers_in_e
     source = (
         "import random\nimport numpy as np\n"
         + HEAD
-        + "mine, theirs, fixed = random.Random(), np.random.default_rng(), random.Random(7)\nn = [0] * 3\n"
+        + "mine, theirs, fixed = random.Random(), np.random.default_rng(), random.Random(7)\n"
+        + "old, bits, known = np.random.RandomState(), np.random.PCG64(), np.random.RandomState(7)\n"
+        + "drawn = np.random.Generator(bits)\nn = [0] * 6\n"
         + LOOP
-        + "    n = [mine.random(), theirs.random(), fixed.random()]\n"
+        + "    n = [mine.random(), theirs.random(), old.rand(), drawn.random(), fixed.random(), known.rand()]\n"
     )
     game = program(tmp_path, source + SHOW, hook(tmp_path, "def state(program): return program.n\n"))
     (again,), (once,), (other,) = (steps(game, 1, seed=seed) for seed in (5, 5, 6))
     first, same, second = (step.observations[1][0].tolist() for step in (once, again, other))
-    assert first == same and [a == b for a, b in zip(first, second, strict=True)] == [False, False, True]
+    assert first == same and [a == b for a, b in zip(first, second, strict=True)] == [False] * 4 + [True] * 2
+
+
+def test_every_clock_of_the_program_is_virtual(tmp_path):
+    body = "import time\nn = [0]\n" + LOOP
+    body += "    stamp = time.strftime('%Y %j %H %M %S').split() + time.ctime().split()[-1:]\n"
+    body += "    n = [*map(int, stamp), time.localtime().tm_year, time.gmtime().tm_year, time.gmtime(0).tm_year]\n"
+    game = program(tmp_path, HEAD + body + SHOW, hook(tmp_path, "def state(program): return program.n\n"))
+    (step,) = steps(game, 1)
+    year, day, *_ = shown = step.observations[1][0].tolist()
+    assert (year, shown[5:]) == (2024, [2024, 2024, 2024, 1970]) and day <= 2
+
+
+def test_a_program_that_looks_around_with_the_mouse_turns_on_beyond_the_edge_of_its_window(tmp_path):
+    body = "pygame.mouse.set_visible(False)\npygame.event.set_grab(True)\nn = [0]\n" + LOOP
+    body += "    n[0] += sum(event.rel[0] for event in events if event.type == pygame.MOUSEMOTION)\n"
+    game = program(tmp_path, HEAD + body + SHOW, hook(tmp_path, "def state(program): return program.n\n"))
+    with opened(game, pointer="velocity") as playing:
+        acts = still(game)
+        acts[0].axes[:, 0] = 1
+        turned = [playing.step(acts)[0].observations[1][0, 0] for _ in range(12)]
+    ways = np.diff(turned)
+    assert turned[-1] > 64 and np.ptp(ways[2:]) <= 1
 
 
 def test_functions_of_the_program_are_not_taken_for_those_that_play_it(tmp_path):
@@ -146,6 +170,14 @@ def test_a_hook_that_fails_when_the_program_ends_is_named(tmp_path):
     fails = "def state(program): return [1 / (11 - program.n)]\n"
     with pytest.raises(CatalogError, match=r"ZeroDivisionError: .*line 1 of .*hook\.py"):
         program(tmp_path, HEAD + body + SHOW, hook(tmp_path, fails) + " snapshots=false")
+
+
+def test_a_hook_sees_the_program_when_it_has_ended(tmp_path):
+    body = "n = 0\nfor n in range(12):\n    pygame.event.get()\n    pygame.mouse.get_pos()\n" + SHOW
+    asks = "def metrics(program): return {'n': program.n}\n"
+    game = program(tmp_path, HEAD + body + "pygame.quit()\n", hook(tmp_path, asks))
+    ended = [step for step in steps(game, 6) if len(step.ended)]
+    assert ended[0].metrics.tolist() == [[11.0]]
 
 
 def test_an_infinite_variable_pays_nothing(tmp_path):

@@ -237,6 +237,15 @@ def test_settings_that_cannot_be_played_are_refused_and_others_are_played_after_
     assert page.begin()[0]["seed"] == "1"
 
 
+def test_acts_that_come_when_nothing_is_played_any_more_are_not_answered(page):
+    page.begin()
+    page.send("start", seed="1", options={"size": "huge"}, parameters={})
+    assert not page.take("refused")["playing"]
+    page.send("act", turn=0, id=1, seat=None, axes=[[0.0, 1.0]], choices=[[0, 0]], decide=True)
+    page.send("start", seed="1", options={}, parameters={})
+    assert page.take("game", "refused")["type"] == "game"
+
+
 def test_a_page_that_goes_away_leaves_no_thread(page, hybrid):
     page.begin()  # gRPC has a thread of its own while anything is connected; this page stays, so it is there throughout
     before = threading.active_count()

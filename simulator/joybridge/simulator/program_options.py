@@ -27,7 +27,11 @@ class _Setting(argparse.Action):
     ) -> None:
         if not (namespace.game and namespace.game[-1].startswith(PYGAME)):
             parser.error(f"{option} is for the program in a --pygame before it")
-        place = f"{namespace.game[-1]} {shlex.quote(f'{self.dest}={values}')}"
+        try:
+            words, own = split_arguments(shlex.split(namespace.game[-1].removeprefix(PYGAME)))
+        except ValueError as error:
+            parser.error(f"{namespace.game[-1]}: {error}")
+        place = PYGAME + shlex.join([*words, f"{self.dest}={values}", *(["--", *own] if own else [])])
         namespace.game = [*namespace.game[:-1], place]
 
 

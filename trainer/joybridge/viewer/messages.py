@@ -89,8 +89,8 @@ class Act(NamedTuple):
 Message = Settings | Clock | Discard | Act
 
 
-def read_message(data: str | bytes, arena: Arena | None) -> Message:
-    """Return the message in what a page has sent; without an arena there is nothing to act on. Raises MessageError."""
+def read_message(data: str | bytes, arena: Arena | None) -> Message | None:
+    """Return the message in what a page has sent; None for an act without an arena. Raises MessageError."""
     try:
         message = json.loads(data, parse_constant=_refuse)
         json.dumps(message, ensure_ascii=False).encode()  # half a character, such as "\\ud800", is no text
@@ -103,8 +103,8 @@ def read_message(data: str | bytes, arena: Arena | None) -> Message:
         return Clock(message["running"])
     if kind == "discard":
         return Discard()
-    if kind == "act" and arena is not None:
-        return _act(message, arena)
+    if kind == "act":
+        return None if arena is None else _act(message, arena)
     return _refuse(message)
 
 

@@ -204,7 +204,10 @@ def _tell(room: Room, running: set[int]) -> None:
 
 
 def _receive(room: Room, arena: Arena | None, seconds: float | None) -> tuple[int, Message | None]:
-    """Return the place and the next message, None for one that is refused. Raises TimeoutError and PageLeft."""
+    """Return the place and the next message, None for one that is refused, or an act when nothing is played any more.
+
+    Raises TimeoutError and PageLeft.
+    """
     place, data = room.receive(seconds)
     try:
         return place, read_message(data, arena)

@@ -15,6 +15,7 @@ from joybridge.simulator.new_game.write import NewGameError, check_new, command,
 from joybridge.simulator.program_options import split_arguments
 from joybridge.v1 import bridge_pb2 as pb
 
+FILES = {"hook", "tapes"}  # settings that are paths
 ARENAS = 16  # processes, at most
 HOOK = '''\
 """What {name} shows and pays. Each function is given the program's main module; delete what you do not need."""
@@ -32,7 +33,7 @@ def done(program):  # after each frame: whether the episode is over, as in progr
     return False
 
 
-def metrics(program):  # at the end of an episode: what `evaluate` reports, as in {{"level": program.level}}
+def metrics(program):  # after each decision; the last of an episode is reported, as in {{"level": program.level}}
     return {{}}
 '''
 
@@ -75,7 +76,7 @@ def _keys(text: str, folder: Path) -> dict[str, list[str]]:
     keys: dict[str, list[str]] = {"pygame": [place]}
     for word in words[1:]:
         key, _, value = word.partition("=")
-        keys.setdefault(key, []).append(value)
+        keys.setdefault(key, []).append(os.path.relpath(value, folder) if key in FILES else value)
     return keys | ({"arguments": own} if own else {})
 
 

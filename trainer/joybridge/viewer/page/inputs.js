@@ -63,7 +63,7 @@ export class Inputs {
 
   listen() {
     addEventListener("keydown", (event) => {
-      if (!this.active || !this.game.has(event.code) || !isFree(event)) return;
+      if (!this.active || !this.game.has(event.code) || !isFree(event, this.game)) return;
       event.preventDefault();
       if (!event.repeat) this.press(event.code, event.timeStamp);
     });
@@ -122,9 +122,11 @@ export class Inputs {
 }
 
 // Returns whether a key is free for the game: it is not for a field or a button of the page, or for the browser.
-export function isFree(event) {
+// game: the codes that it has; of a modifier among them, holding it is a part of the game.
+export function isFree(event, game = new Set()) {
   const taken = event.target.closest?.("input, select") || (event.target.closest?.("button, summary") && ["Space", "Enter"].includes(event.code));
-  return !taken && !event.ctrlKey && !event.metaKey && !event.altKey;
+  const ours = (name) => game.has(`${name}Left`) || game.has(`${name}Right`);
+  return !taken && !(event.ctrlKey && !ours("Control")) && !(event.metaKey && !ours("Meta")) && !(event.altKey && !ours("Alt"));
 }
 
 const NAMES = { Mouse0: "left button", Mouse1: "middle button", Mouse2: "right button", Space: "space", ShiftLeft: "shift",

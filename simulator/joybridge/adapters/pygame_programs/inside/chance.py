@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+OF_NUMPY = ("RandomState", "MT19937", "PCG64", "PCG64DXSM", "Philox", "SFC64")
 FIRST_SEED = 0  # of what the program does before the episodes part
 
 
@@ -23,7 +24,7 @@ class Chance:
     def __init__(self) -> None:
         """Take the place of all sources of chance that are not seeded by the program."""
         self.seed, self._drawn = FIRST_SEED, 0
-        self._early: dict[int, random.Random | np.random.Generator] = {}  # not seeded, made before the first frame
+        self._early: dict[int, Any] = {}  # not seeded, made before the first frame
         self._begun = False  # whether the first frame has come
         self._reseed, self._make_numpy = random.Random.seed, np.random.default_rng
 
@@ -39,6 +40,8 @@ class Chance:
         random.Random.seed = seed
         random.seed = random._inst.seed
         np.random.default_rng = default_rng
+        for name in OF_NUMPY:
+            setattr(np.random, name, self._seeding(getattr(np.random, name)))
         os.urandom = random._urandom = self.bytes
         _hash_by_serial_numbers()
         self._seed_shared(FIRST_SEED)
@@ -50,6 +53,10 @@ class Chance:
         for generator in self._early.values():
             if isinstance(generator, np.random.Generator):
                 generator.bit_generator.state = self._make_numpy(self.number()).bit_generator.state
+            elif isinstance(generator, np.random.RandomState):
+                generator.seed(self.number() % 2**32)
+            elif isinstance(generator, np.random.BitGenerator):
+                generator.state = type(generator)(self.number()).state
             else:
                 self._reseed(generator, self.number(), 2)
 
@@ -58,7 +65,19 @@ class Chance:
         random.seed(self.number())
         np.random.seed(self.number() % 2**32)
 
-    def _note(self, generator: "random.Random | np.random.Generator", *, seeded: bool) -> None:
+    def _seeding(self, kind: Any) -> Any:
+        """Return a kind of NumPy's older or bit generators whose seed comes from here if the program gives none."""
+        chance = self
+
+        class Seeded(kind):
+            def __init__(self, seed: Any = None) -> None:
+                super().__init__(chance.number() % 2**32 if seed is None else seed)
+                chance._note(self, seeded=seed is not None)
+
+        Seeded.__name__ = Seeded.__qualname__ = kind.__name__
+        return Seeded
+
+    def _note(self, generator: Any, *, seeded: bool) -> None:
         """Note a generator that is made or seeded before the first frame, and forget one that is seeded after all."""
         if seeded:
             self._early.pop(id(generator), None)

@@ -76,6 +76,7 @@ class VirtualClock:
         for name in ("monotonic", "perf_counter", "process_time", "thread_time"):
             setattr(time, name, lambda: self.read() / SECOND)
             setattr(time, f"{name}_ns", self.read)
+        _replace_times()
         _replace_dates()
         pygame.time.get_ticks = lambda: self.read() // MILLISECOND
         pygame.time.set_timer = self.set_timer
@@ -133,6 +134,16 @@ def post(event: Any) -> None:
         pygame.event.post(event)
     except pygame.error:  # the queue is full, or there is no display any more
         return
+
+
+def _replace_times() -> None:
+    """Let `time.localtime` and the like tell the virtual time."""
+    localtime, gmtime, strftime, asctime = time.localtime, time.gmtime, time.strftime, time.asctime
+    time.localtime = lambda seconds=None: localtime(time.time() if seconds is None else seconds)
+    time.gmtime = lambda seconds=None: gmtime(time.time() if seconds is None else seconds)
+    time.strftime = lambda form, now=None: strftime(form, time.localtime() if now is None else now)
+    time.asctime = lambda now=None: asctime(time.localtime() if now is None else now)
+    time.ctime = lambda seconds=None: asctime(time.localtime(seconds))
 
 
 def _replace_dates() -> None:

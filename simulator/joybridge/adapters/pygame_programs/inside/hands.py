@@ -39,7 +39,7 @@ class Hands:
         self.buttons: set[int] = set()
         self.keys: set[int] = set()
         self._moved = (0, 0)  # since the program last asked
-        self._visible = True
+        self._visible, self._grabbed = True, False
         self._changes: dict[tuple[str, int, bool], int] = {}  # of keys and buttons, pressed or released: in which frame
         self._repeat = (0, 0)  # delay and interval of held keys, in nanoseconds
         self._repeats: dict[int, int] = {}  # by key: when it is due
@@ -71,7 +71,7 @@ class Hands:
         width, height = _size()
         goal = (min(max(int(x), 0), width - 1), min(max(int(y), 0), height - 1))
         step = (goal[0] - self.position[0], goal[1] - self.position[1])
-        if self._captured:  # then the window's edges stop nothing
+        if self.captured:  # then the window's edges stop nothing
             step = (int(x) - self.position[0], int(y) - self.position[1])
         if step == (0, 0):
             return
@@ -96,8 +96,9 @@ class Hands:
                 self._post(pygame.KEYUP, **self._key(key))
 
     @property
-    def _captured(self) -> bool:
-        return not self._visible and bool(pygame.event.get_grab())
+    def captured(self) -> bool:
+        """Return whether the program has hidden the pointer and holds it in its window, as for looking around."""
+        return not self._visible and self._grabbed
 
     def _press(self, key: int) -> None:
         fields = self._key(key)
@@ -159,6 +160,13 @@ class Hands:
             before, self._visible = self._visible, bool(value)
             return before
 
+        grab = pygame.event.set_grab  # which has no effect on a window that is not shown
+
+        def set_grab(grabbed: Any) -> None:
+            self._grabbed = bool(grabbed)
+            grab(grabbed)
+
+        pygame.event.set_grab, pygame.event.get_grab = set_grab, lambda: self._grabbed
         for function in (get_pos, get_rel, get_pressed, set_pos, set_visible):
             setattr(mouse, function.__name__, function)
         mouse.get_visible = lambda: self._visible

@@ -7,12 +7,20 @@ written (`fences.own_copy`). Paths to the former lead to the latter.
 import builtins
 import io
 import os
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pygame
+
 from joybridge.adapters.pygame_programs.inside.fences import Fences
 from joybridge.adapters.pygame_programs.inside.stem import MAX_BESIDE, Folders
+
+OF_A_PATH = (
+    "access", "chmod", "getxattr", "listdir", "listxattr", "mkdir", "open", "remove", "removexattr", "rmdir",
+    "setxattr", "stat", "truncate", "unlink", "utime",
+)  # fmt: skip
 
 
 class Places:
@@ -40,11 +48,19 @@ class Places:
 
         Not of lstat, readlink and scandir: what they return leads to the original, and what is opened there, here.
         """
-        for name in ("access", "chmod", "listdir", "mkdir", "open", "remove", "rmdir", "stat", "truncate", "unlink"):
+        for name in (name for name in OF_A_PATH if hasattr(os, name)):
             setattr(os, name, self._leading(getattr(os, name), "path"))
-        for name in ("rename", "replace"):
+        for name in ("link", "rename", "replace", "symlink"):
             setattr(os, name, self._leading(getattr(os, name), "src", "dst"))
         builtins.open = io.open = self._leading(io.open, "file")
+        sqlite3.connect = sqlite3.dbapi2.connect = self._leading(sqlite3.connect, "database")
+        pygame.image.load = self._leading(pygame.image.load, "filename")
+        save = pygame.image.save
+
+        def save_image(surface: Any, filename: Any, *arguments: Any) -> None:
+            save(surface, self.lead(filename), *arguments)
+
+        pygame.image.save = pygame.image.save_extended = save_image
 
     def _leading(self, real: Callable[..., Any], *names: str) -> Callable[..., Any]:
         """Return a function that leads its first arguments. names: of these, if they are given by name."""

@@ -252,10 +252,13 @@ class Player:
         if not self._form["pointer"]:
             return
         width, height = self.stage.size()
-        speed = self._speed * (1.0, width / height)  # the same number of pixels in both directions
-        self._place = np.clip(self._place + speed, 0.0, 1.0)
-        x, y = self._place * (width - 1, height - 1)
-        self.stage.hands.move(float(x), float(y))
+        wanted = self._place + self._speed * (1.0, width / height)  # the same number of pixels in both directions
+        self._place, last = np.clip(wanted, 0.0, 1.0), np.array([width - 1, height - 1])
+        goal = self._place * last
+        if self.stage.hands.captured:  # then the program is told of the whole way, and a part of a pixel is kept
+            beyond, goal = wanted != self._place, wanted * last
+            self._place = self._place + beyond * np.modf(goal)[0] / np.maximum(last, 1)
+        self.stage.hands.move(float(goal[0]), float(goal[1]))
 
     def _observe(self) -> bytes:
         """Return the sensors, one after the other."""
