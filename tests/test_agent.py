@@ -106,7 +106,12 @@ print(any(name.startswith(("joybridge.simulator", "joybridge.games", "pygame")) 
         ({"place": [1.0, np.nan]}, "observation: sensor 'place' is [1.0, nan], expected finite numbers"),
         ({"place": [1.0, 1e300]}, "observation: sensor 'place' is [1.0, inf], expected finite numbers"),
         ({"place": ["a", 1.0]}, "observation: sensor 'place' is no float32: could not convert"),
-        ({"image": np.full((2, 2), 300).tolist()}, "observation: sensor 'image' is no uint8: "),
+        (
+            {"image": np.full((2, 2), 300).tolist()},
+            "observation: sensor 'image' has 300 of int64, expected values of uint8",
+        ),
+        ({"image": np.full((2, 2), 0.5)}, "observation: sensor 'image' has 0.5 of float64, expected values of uint8"),
+        ({"image": np.full((2, 2), -1)}, "observation: sensor 'image' has -1 of int64, expected values of uint8"),
         ({"smell": [1.0]}, "expected place, count, image, lamps"),
     ],
 )

@@ -19,6 +19,7 @@ from joybridge.layouts import make_acts
 from joybridge.play.agent import load
 from joybridge.progress import Progress
 from joybridge.run.folder import run_config
+from tests.support.demonstrated import record
 
 pytestmark = pytest.mark.usefixtures("signals")
 
@@ -236,6 +237,29 @@ def test_what_cannot_be_cloned_is_named(more, message, demos, tmp_path, capsys):
     assert main(["clone", str(demos), "--run", str(run), *(word.format(same=same) for word in more)]) == 1
     assert re.search(message, capsys.readouterr().err)
     assert not (run / "config.yaml").exists()
+
+
+def test_options_that_differ_from_file_to_file_are_left_to_the_configuration(simulator, tmp_path, capsys):
+    for masks in ("on", "off"):
+        record(tmp_path / "demos", simulator, decisions=60, arenas=4, options={"masks": masks, "size": "small"})
+    command = ["clone", str(tmp_path / "demos"), "--passes", "1", *SMALL]
+    assert trainer([*command, "--run", str(tmp_path / "run")]) == 0
+    assert "shows several values of masks" in capsys.readouterr().err
+    assert "masks" not in run_config(tmp_path / "run").options
+    assert trainer([*command, "--run", str(tmp_path / "on"), "options.masks=on"]) == 0
+    assert run_config(tmp_path / "on").options["masks"] == "on"
+
+
+def test_a_policy_to_which_nothing_is_shown_stays_untrained(simulator, tmp_path, capsys):
+    with Session(simulator, "ferry", arenas=2, seed=5) as session:
+        demonstration, acts = session.record_demonstration(tmp_path / "demos"), make_acts(session.spec, 2)
+        demonstration.hold([[0, 1], []])
+        while not len(session.step(acts)[0].ended):
+            pass
+    assert trainer(["clone", str(tmp_path / "demos"), "--passes", "1", "--run", str(tmp_path / "run"), *SMALL]) == 0
+    said = capsys.readouterr()
+    assert "none of its decisions is demonstrated, so it stays untrained" in said.err
+    load(tmp_path / "run", "lookout")
 
 
 def test_a_folder_without_a_demonstration_is_named(tmp_path, capsys):

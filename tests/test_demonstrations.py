@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from joybridge.cli import main
-from joybridge.client import recording
+from joybridge.client import demonstration_log, recording
 from joybridge.client.client import Session
 from joybridge.client.recording import Kind, Record, RecordingError, Writer, load_recording
 from joybridge.commands.replay import FaultFound, replay
@@ -150,6 +150,27 @@ def test_what_a_person_holds_is_demonstrated_and_what_chance_plays_is_not(tmp_pa
     held = [[stretch.demonstrated(number, index).tolist() for index in (0, 1)] for number in range(4)]
     assert held == [[[False], [True, False]]] * 3 + [[[True], [True, True]]]
     assert all(act[1].choices[0, 0] == 1 for act in stretch.acts)
+
+
+def test_decisions_are_discarded_and_resets_between_them_are_not_counted(tmp_path, simulator):
+    with Session(simulator, "hybrid", arenas=1, seed=5) as session:
+        demonstration, acts = session.record_demonstration(tmp_path), make_acts(session.spec, 1)
+        for decisions in (3, 2):
+            for _ in range(decisions):
+                session.step(acts)
+            session.reset(seed=2)
+        demonstration.discard(5)
+        spec = session.spec
+    stretches = load_demonstration(tmp_path / "hybrid-0001.demo", spec).stretches
+    assert not any(part.demonstrated(at, 0).any() for part in stretches for at in range(len(part.acts)))
+
+
+def test_a_demonstration_ends_before_it_is_too_large_to_be_read(tmp_path, simulator, monkeypatch):
+    monkeypatch.setattr(demonstration_log, "MAX_FILE_BYTES", 20_000)
+    with pytest.raises(StorageError, match="a demonstration has at most 20,000 bytes"):
+        record(tmp_path, simulator, decisions=1000)
+    file = tmp_path / "hybrid-0001.demo"
+    assert file.stat().st_size <= 20_000 and load_recording(file).exchanges
 
 
 def test_a_program_says_by_an_array_whose_decisions_are_demonstrated(tmp_path, simulator):

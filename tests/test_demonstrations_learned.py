@@ -236,7 +236,7 @@ def test_only_episodes_that_are_demonstrated_are_held_out_and_counted(seed):
     (role,) = list_roles("hybrid", SPEC)
     actor = Actor(role, SPEC.behaviors[0], SMALL, 0)
     shown = show(actor, [Demonstration(Path("x.demo"), SPEC, [stretch], 0)], Config(game="any", seed=seed))
-    assert (len(shown.learned), shown.held_out and len(shown.held_out)) == (3, 1)
+    assert shown and (len(shown.learned), shown.held_out and len(shown.held_out)) == (3, 1)
     assert (
         "3 decisions of 3 episodes are cloned; 1 decisions of 1 other is held out; an episode earned 4" in shown.remark
     )

@@ -239,6 +239,8 @@ def test_a_failed_start_leaves_no_simulator(monkeypatch):
         (BridgeEnv, "brief", {"options": {"size": 6}}, "options.size is 6, expected one of its choices, in quotes"),
         (BridgeEnv, "brief", {"reward_weights": {"press": "x"}}, "'press'] is 'x', expected a finite number"),
         (BridgeEnv, "brief", {"reward_weights": {"press": float("nan")}}, "'press'] is nan, expected a finite number"),
+        (BridgeEnv, "brief", {"others": "x"}, "others is 'x', expected a list of names"),
+        (BridgeEnv, "brief", {"sensors": "x"}, "sensors is 'x', expected a list of names"),
         (BridgeEnv, "brief", {"forbidden": "ignore"}, "forbidden is 'ignore', expected one of error, first_allowed"),
         (BridgeEnv, "brief", {"seed": [1]}, r"seed is \[1\], expected one int"),
         (BridgeVectorEnv, "brief", {"arenas": 0}, "arenas is 0, expected an integer of at least 1"),

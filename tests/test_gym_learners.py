@@ -17,6 +17,7 @@ from stable_baselines3.common.vec_env import VecExtractDictObs, VecFrameStack, V
 
 from joybridge.client.launch import simulator_process
 from joybridge.config.errors import ConfigError
+from joybridge.contract.spec import SpecError
 from joybridge.games import BUILT_IN
 from joybridge.gym import BridgeEnv, BridgeVectorEnv
 from joybridge.gym.sb3 import BridgeVecEnv
@@ -69,6 +70,15 @@ def test_the_infos_of_an_end_hold_the_final_observation_and_the_metrics(make):
                 }
             else:
                 assert info == {}
+
+
+def test_options_that_are_set_count_from_the_next_reset_on(make):
+    envs = make("archer", 2, layout="bucket-3")
+    envs.set_options({"parameters": {"nonsense": 1.0}})
+    with pytest.raises(SpecError, match="unknown parameter 'nonsense'"):
+        envs.reset()
+    envs.set_options()
+    envs.reset()
 
 
 @pytest.mark.parametrize("game", SUITABLE)

@@ -91,6 +91,9 @@ def test_the_only_channel_of_a_game_is_read_without_its_weight(exported):
     (written,) = writing._buffers(part, [episode])
     np.testing.assert_array_equal(written.rewards, episode.rewards[:, 0] * np.float32(0.1))
     np.testing.assert_array_equal(reading._rewards(written.rewards, written.infos["rewards"], part), episode.rewards)
+    part.channels.add(name="style")  # which the game did not have then
+    read = reading._rewards(written.rewards, written.infos["rewards"], part)
+    np.testing.assert_array_equal(read, np.c_[episode.rewards, np.zeros(len(read), np.float32)])
 
 
 @pytest.mark.parametrize("game", ["hybrid", "ferry", "noughts", "orchard"])

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
 
-from joybridge.client.recording import COUNT, Kind, Record, Writer, heading
+from joybridge.client.recording import COUNT, MAX_FILE_BYTES, Kind, Record, Writer, heading
+from joybridge.config.errors import StorageError
 from joybridge.config.files import storing
 from joybridge.config.metrics import metrics_name
 from joybridge.contract.codec import StepArrays, fill_step
@@ -76,6 +77,12 @@ class DemonstrationLog:
         writer = copy(self._writer)  # what could not be written is not part of the checksum
         data = writer.encode(records)
         with storing(self._folder):
+            size = self.path.stat().st_size if self.path else 0
+            if size + len(data) > MAX_FILE_BYTES:
+                raise StorageError(
+                    f"{self.path or self._folder}: a demonstration has at most {MAX_FILE_BYTES:,} bytes, so recording "
+                    "ends; what came before can be used. Record fewer arenas or episodes at once, several times"
+                )
             self._write(data)
         self._writer = writer
 

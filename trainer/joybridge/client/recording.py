@@ -221,7 +221,8 @@ def _discard(records: Sequence[Record], exchanges: Sequence[Exchange], nobody: l
         elif kind == Kind.REQUEST:
             exchange = next(earlier)
             if left:
-                exchange.held, left = nobody, left - 1
+                exchange.held = nobody
+                left -= exchange.request.HasField("act")  # a reset in between is no decision
 
 
 def _lanes(body: bytes) -> list[list[int]] | None:

@@ -43,7 +43,8 @@ class Recorded:
     """What a folder of demonstrations holds, and in which game it was recorded."""
 
     game: str
-    options: dict[str, str]
+    options: dict[str, str]  # of all its files
+    differ: list[str]  # the names of the options that differ from file to file
     shown: list[Demonstration]
 
 
@@ -110,7 +111,11 @@ def _read(folder: Path) -> Recorded:
     if first.start.game != first.spec.name:  # nothing else of a stranger's file says where a game is
         raise ConfigError(f"{own[0]} is of {first.start.game!r}, but shows {first.spec.name!r}; record it again")
     shown = [load_demonstration(file, first.spec) for file in files]
-    return Recorded(first.start.game, dict(first.start.options), shown)
+    options = [dict(load_recording(file).start.options) for file in own]
+    names = sorted({name for each in options for name in each})
+    values = {name: {each.get(name) for each in options} for name in names}
+    differ = [name for name in names if len(values[name]) > 1]
+    return Recorded(first.start.game, {n: v for n, v in options[0].items() if n not in differ}, differ, shown)
 
 
 def _config(given: Config | None, overrides: Sequence[str], recorded: Recorded, folder: Path) -> Config:
@@ -123,12 +128,15 @@ def _config(given: Config | None, overrides: Sequence[str], recorded: Recorded, 
             f"the configuration is for {given.game}, but {folder} shows {recorded.game}; name another one"
         )
     for name, value in read_overrides(overrides).get("options", {}).items():
-        if recorded.options.get(name) != value:
+        if name not in recorded.differ and recorded.options.get(name) != value:
             raise ConfigError(f"options.{name}: got {value!r}, but {folder} shows {recorded.options}; leave it out")
-    replaced = {name: value for name, value in given.options.items() if recorded.options.get(name) != value}
+    if recorded.differ:
+        say(f"{folder} shows several values of {', '.join(recorded.differ)}, so the configuration says or leaves it")
+    kept = {name: value for name, value in given.options.items() if name in recorded.differ}
+    replaced = {n: v for n, v in given.options.items() if n not in kept and recorded.options.get(n) != v}
     if replaced:
         say(f"the options {replaced} of --config are replaced by those of {folder}: {recorded.options}")
-    return given.model_copy(update=known)
+    return given.model_copy(update=known | {"options": recorded.options | kept})
 
 
 def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int) -> None:
@@ -146,8 +154,14 @@ def clone(config: Config, run: Path, shown: Sequence[Demonstration], passes: int
         say(remark)
     config = _known_weights(config, spec)
     arrays: dict[str, Array] = {}
-    for actor in make_actors(config, spec, config.accelerator):
-        given = show(actor, shown, config)
+    each = [(actor, show(actor, shown, config)) for actor in make_actors(config, spec, config.accelerator)]
+    if not any(given for _, given in each):
+        raise ConfigError("no decision of a finished episode is demonstrated; record whole episodes")
+    for actor, given in each:
+        if given is None:
+            say(f"{actor.name}: none of its decisions is demonstrated, so it stays untrained")
+            arrays |= actor_arrays(actor)
+            continue
         say(given.remark)
         best = _best_pass(fit(actor, given, passes))
         if best is None:

@@ -50,8 +50,11 @@ class Fit:
     best: bool  # of the passes so far
 
 
-def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
-    """Return what demonstrations show to a policy, with one episode in HELD_OUT held out. Raises ConfigError."""
+def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown | None:
+    """Return what demonstrations show to a policy, with one episode in HELD_OUT held out; None: nothing.
+
+    Raises ConfigError if the policy cannot express what is shown.
+    """
     spec = shown[0].spec
     episodes = [
         episode
@@ -61,7 +64,7 @@ def show(actor: Actor, shown: Sequence[Demonstration], config: Config) -> Shown:
         if episode.demonstrated.any()  # others play the rest, or it was discarded
     ]
     if not episodes:
-        raise ConfigError(f"{actor.name}: no decision of a finished episode is demonstrated; record whole episodes")
+        return None
     order = np.random.default_rng([config.seed, actor.behavior]).permutation(len(episodes)).tolist()
     count = max(1, len(episodes) // HELD_OUT) if len(episodes) > 1 else 0
     parts = [order[count:], order[:count]]

@@ -175,6 +175,8 @@ def only_parameters(options: Mapping[str, Any] | None) -> Mapping[str, float]:
         if name != "parameters":
             raise ConfigError(f"reset: unknown option {name!r}, expected parameters")
     parameters: Mapping[str, float] = (options or {}).get("parameters", {})
+    if not isinstance(parameters, Mapping):
+        raise ConfigError(f"reset: parameters is {parameters!r}, expected values by name")
     return parameters
 
 

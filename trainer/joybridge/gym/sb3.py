@@ -65,10 +65,11 @@ class BridgeVecEnv(VecEnv):
         return self._mask
 
     def reset(self) -> Any:
-        """Begin new episodes; of the seeds that were set, the first one is used for all arenas."""
-        observations, infos = self.envs.reset(seed=self._seeds[0])
+        """Begin new episodes; of the seeds and options that were set, the first ones are used for all arenas."""
+        observations, infos = self.envs.reset(seed=self._seeds[0], options=self._options[0] or None)
         self._mask = infos["action_mask"]
         self._reset_seeds()
+        self._reset_options()
         return observations
 
     def step_async(self, actions: Array) -> None:

@@ -45,6 +45,9 @@ class EnvSettings:
         for name, choice in (self.options or {}).items():
             if not isinstance(choice, str):
                 raise ConfigError(f"options.{name} is {choice!r}, expected one of its choices, in quotes")
+        for name in ("sensors", "others"):
+            if isinstance(value := getattr(self, name), str):
+                raise ConfigError(f"{name} is {value!r}, expected a list of names, as [{value!r}]")
         if self.forbidden not in FORBIDDEN:
             raise ConfigError(f"forbidden is {self.forbidden!r}, expected one of {', '.join(FORBIDDEN)}")
         if self.render_mode not in (None, "rgb_array"):

@@ -145,9 +145,10 @@ def _flags(infos: Mapping[str, Any], name: str, rows: int) -> Array:
 def _rewards(rewards: Any, by_channel: Any, behavior: pb.Behavior) -> Array:
     """Return the rewards of an episode, float32 [decisions, channels]; 0 for channels that are not told apart."""
     paid = np.zeros((len(rewards), len(behavior.channels)), np.float32)
-    if by_channel is not None:
+    if isinstance(by_channel, Mapping):
         for column, channel in enumerate(behavior.channels):
-            paid[:, column] = by_channel[channel.name][1:]
+            if channel.name in by_channel:
+                paid[:, column] = by_channel[channel.name][1:]
     elif len(behavior.channels) == 1:
         paid[:, 0] = rewards
     return paid

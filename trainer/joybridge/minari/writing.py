@@ -130,11 +130,10 @@ def _buffers(behavior: pb.Behavior, episodes: Iterable[Episode]) -> "Iterator[Ep
         infos: dict[str, Any] = {"deciding": one.deciding, "demonstrated": np.append(one.demonstrated, True)}
         if one.masks is not None:
             infos["action_mask"] = np.concatenate(one.masks, axis=1)
-        if (weights != 1.0).any() or len(weights) > 1:
-            infos["rewards"] = {
-                channel.name: np.append(np.float32(0), one.rewards[:, column])
-                for column, channel in enumerate(behavior.channels)
-            }
+        infos["rewards"] = {
+            channel.name: np.append(np.float32(0), one.rewards[:, column])
+            for column, channel in enumerate(behavior.channels)
+        }
         ends = np.arange(len(one)) == len(one) - 1
         yield EpisodeBuffer(
             observations={sensor.name: seen for sensor, seen in zip(behavior.sensors, one.observations, strict=True)},

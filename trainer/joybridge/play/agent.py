@@ -144,12 +144,16 @@ def _rewards(behavior: pb.Behavior, given: Mapping[str, float]) -> Array:
 def _array(what: str, value: Any, dtype: Any, shape: Sequence[int]) -> Array:
     """Return a value as an array [1, *shape]. Raises TensorError."""
     try:
-        with np.errstate(over="ignore"):  # what is too large becomes infinite
-            array = np.asarray(value, dtype)
+        given = np.asarray(value)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too large becomes infinite
+            array = given.astype(dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise TensorError(f"{what} is no {dtype}: {error}") from None
     if array.shape != tuple(shape):
         raise TensorError(f"{what} has shape {list(array.shape)}, expected {list(shape)}")
+    if dtype.kind != "f" and not np.array_equal(array, given):
+        wrong = given.reshape(-1)[(array != given).reshape(-1).argmax()]
+        raise TensorError(f"{what} has {wrong!s} of {given.dtype}, expected values of {dtype}")
     if not np.isfinite(array).all():
         raise TensorError(f"{what} is {array.tolist()}, expected finite numbers")
     return array[None]
