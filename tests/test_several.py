@@ -256,6 +256,25 @@ def test_a_policy_plays_the_games_that_stay_as_before_when_others_join_and_leave
         np.testing.assert_allclose(values, played[0][1], rtol=1e-5)
 
 
+def test_a_policy_of_other_games_keeps_what_it_sees_and_is_less_sure_of_what_to_do(simulator):
+    actors = []
+    for game in ("marble", "archer"):
+        config = make_config({"games": {game: {}}, "layout": "hybrid", "policy": {"frame_stack": 1}})
+        (actor,) = make_actors(config, make_lineup(simulator, config).spec)
+        actors.append(actor)
+    before, now = actors
+    rng = np.random.default_rng(1)
+    before.load({n: rng.normal(size=array.shape).astype(np.float32) for n, array in before.state().items()})
+    saved, made, other = before.state(), transferred(before, now), transferred(before, now, stays=False)
+    for name in ("actor.hidden.1.weight", "critic.hidden.1.weight", "actor.hidden.0.bias"):
+        np.testing.assert_array_equal(other[name], saved[name])
+    for name in ("critic.head.weight", "value_bias", "mean_bias", "log_variance"):
+        np.testing.assert_array_equal(other[name], now.state()[name])
+    np.testing.assert_allclose(other["actor.head.weight"], made["actor.head.weight"] / 20, rtol=1e-6)
+    assert np.ptp(made["actor.head.weight"]) > 1
+    now.load(other)
+
+
 @pytest.mark.parametrize("shared_encoder", [True, False])
 def test_images_join_and_leave_with_their_games(shared_encoder, simulator):
     policy = {"frame_stack": 2, "hidden_sizes": [8], "image_encoder": "moments", "shared_encoder": shared_encoder}

@@ -4,6 +4,9 @@ So a game can join a policy or leave it. What is new among the numbers and image
 first, so it plays the games that stay as before; what is new among the parts of the device begins untrained. Images
 that leave were black in the games that stay, and go on to count as if they still were. With `remember_acts`, a policy
 saw the parts that leave, too, so only joining changes nothing.
+
+If no game stays, the policy keeps what it sees, but how it values that begins untrained, and what it does is made less
+sure: buttons of the same name mean other things there, and one that is hardly ever pressed would not be tried again.
 """
 
 from collections.abc import Hashable, Sequence
@@ -16,9 +19,14 @@ from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor
 from joybridge.ppo.convolutions import ImageEncoder
 
+UNSURE = 0.05  # of the weights of choices and means, where no game stays
+UNTRAINED = ("critic.head.weight", "mean_bias", "value_bias", "log_variance")  # there
 
-def transferred(before: Actor, now: Actor) -> dict[str, Array]:
+
+def transferred(before: Actor, now: Actor, *, stays: bool = True) -> dict[str, Array]:
     """Return the parameters of a trained actor as those of an untrained one for other games, for `Actor.load`.
+
+    stays: whether any of the games is one that it was trained in.
 
     Arrays that cannot be brought into another form stay as they are, and `load` says what does not fit.
     """
@@ -31,8 +39,11 @@ def transferred(before: Actor, now: Actor) -> dict[str, Array]:
             made[name] = _placed(array.T, np.zeros_like(fresh[name].T), keys[0], keys[1]).T
             bias = name.replace("weight", "bias")
             made[bias] = saved[bias] + array @ _of_black(before, now, tower, keys[0])
+        elif name in UNTRAINED and not stays:
+            made[name] = fresh[name]
         elif name == "actor.head.weight":
-            made[name] = _placed(array, fresh[name], _outputs(before), _outputs(now))
+            sure = 1.0 if stays else UNSURE
+            made[name] = sure * _placed(array, fresh[name], _outputs(before), _outputs(now))
         elif name == "mean_bias":
             made[name] = _placed(array, fresh[name], _axes(before, "outputs"), _axes(now, "outputs"))
         elif name == "log_variance":

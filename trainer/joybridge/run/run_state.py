@@ -1,6 +1,6 @@
 """The state of a run between two rollouts: what a checkpoint holds, and what a resumed run continues from."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import numpy as np
 from joybridge.client.sharded_session import Snapshot
 from joybridge.config.arrays import select
 from joybridge.config.errors import CheckpointError
+from joybridge.config.games import GameConfig
 from joybridge.contract.tensors import Array
 from joybridge.policy.actor import Actor, policy_state, trained_actors
 from joybridge.policy.policy import Policy
@@ -138,20 +139,21 @@ def capture(
     return RunState(timesteps, arrays, parts)
 
 
-def take_weights(policies: Sequence[Policy], run: Path, *, several: bool) -> int:
+def take_weights(policies: Sequence[Policy], run: Path, games: Mapping[str, GameConfig]) -> int:
     """Give policies the networks that a run has trained; return for how many timesteps.
 
-    several: they play several games; so has the run then, perhaps others: see `transferred`. Raises CheckpointError,
-    and ConfigError if the folder holds no run.
+    games: that they play, if these are several; so has the run then, perhaps others: see `transferred`. Raises
+    CheckpointError, and ConfigError if the folder holds no run.
     """
     state, trained = load_state(run), run_config(run)
-    if bool(trained.games) != several:
+    if bool(trained.games) != bool(games):
         how, what = ("`games`", "the key `game`") if trained.games else ("the key `game`", "`games`")
         raise CheckpointError(
             f"{run} was trained with {how}, and this is a run with {what}, where a policy sees and controls other "
             "things; write this one with the same key (`games` may have one name), or begin with demonstrations "
             "(--demos)"
         )
+    stays = not games or any(name in trained.games for name in games)
     for policy in policies:
         network = policy_state(state.arrays, policy.actor.name)
         if not network:
@@ -166,9 +168,10 @@ def take_weights(policies: Sequence[Policy], run: Path, *, several: bool) -> int
             raise CheckpointError(f"{policy.actor.name}: the trained network does not fit: {'; '.join(differences)}")
         if trained.games:
             actors = {actor.name: actor for actor in trained_actors(trained, run_spec(run), state.arrays)}
-            network = transferred(actors[policy.actor.name], policy.actor)
+            network = transferred(actors[policy.actor.name], policy.actor, stays=stays)
         policy.actor.load(network)
-        policy.take_scale(select(state.arrays, f"{policy.actor.name}/policy/returns."))
+        if stays:
+            policy.take_scale(select(state.arrays, f"{policy.actor.name}/policy/returns."))
     return state.timesteps
 
 

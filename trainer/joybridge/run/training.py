@@ -85,7 +85,7 @@ class Training:
                     "but not to the same bits as one that never stopped"
                 )
         elif self.config.weights_from:
-            trained = take_weights(self.policies, Path(self.config.weights_from), several=bool(self.config.games))
+            trained = take_weights(self.policies, Path(self.config.weights_from), self.config.games)
             self.audience.say(f"begins with the policies of {self.config.weights_from} after {trained:,} timesteps")
         if self.league:
             self.renew_opponents()
