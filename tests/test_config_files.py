@@ -7,6 +7,7 @@ import pytest
 from joybridge.config.config import load_config
 from joybridge.config.config_files import config_names, find_config
 from joybridge.config.errors import ConfigError
+from joybridge.config.game_or_config import game_or_config
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -32,6 +33,10 @@ def test_a_program_is_no_configuration(tmp_path):
         ConfigError, match=r"sorter\.py is a program, no configuration; `joybridge new --pygame .*sorter\.py` writes"
     ):
         load_config(find_config(str(program)))
+
+
+def test_a_program_with_a_configuration_as_its_argument_is_still_a_program():
+    assert game_or_config("pygame:my_game.py -- levels.yaml", [])[0] == "pygame:my_game.py -- levels.yaml"
 
 
 def test_an_existing_file_comes_before_an_installed_name(tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from joybridge.config.errors import ConfigError
 from joybridge.config.game_settings import GameSettings, read_settings
+from joybridge.contract.places import GYM, PYGAME
 
 
 def game_or_config(what: str, overrides: Sequence[str]) -> tuple[str, GameSettings]:
@@ -12,7 +13,7 @@ def game_or_config(what: str, overrides: Sequence[str]) -> tuple[str, GameSettin
     what: a game, or a configuration that has one; parameters that it draws at random keep their defaults. overrides:
     KEY=VALUE, which replace those of the configuration.
     """
-    if not what.endswith((".yaml", ".yml")) and ("/" not in what or ":" in what):
+    if what.startswith((PYGAME, GYM)) or (not what.endswith((".yaml", ".yml")) and ("/" not in what or ":" in what)):
         return what, read_settings(overrides)
     try:
         from joybridge.config.config_files import find_config, read_yaml
