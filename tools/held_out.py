@@ -75,12 +75,12 @@ def page(game: str, end: int, curves: Curves) -> str:
         )
     made = (
         f"Made in the checkout by `python -m tools.held_out`, with the settings of `{STUDY.config}`. "
-        f"`{game}` is learned alone for {end:,} timesteps. A policy begins from nothing, from one of the five other "
-        f"games, or from one of one game; these two are one run each, and have learned from as many timesteps of a "
-        f"game. The reward is that of training, at the end the mean of the last {LAST} of {ROWS} rows. Enough is "
-        f"{ENOUGH:.0%} of what policies from nothing have at the end. The share is that of the timesteps of those from "
-        f"nothing, with the 95 % interval of a bootstrap over the seeds (n = {len(rewards[NOTHING])}; so few make it "
-        "narrower than it should be)."
+        f"`{game}` is learned alone for {end:,} timesteps. A policy begins from nothing, from a policy of the five "
+        "other games, or from one of a single game; these two are one run each, and have learned from as many "
+        f"timesteps per game. The reward is that of training, at the end the mean of the last {LAST} of {ROWS} rows. "
+        f"Enough is {ENOUGH:.0%} of what policies from nothing have at the end. The share is that of the timesteps of "
+        "those from nothing, with the 95 % interval of a bootstrap over the seeds (n = "
+        f"{len(rewards[NOTHING])}; so few make it narrower than it should be)."
     )
     heads = ["begins from", "reward at the end", "timesteps until enough, of each seed", "share"]
     return "\n\n".join(["# A game held out, from pictures", filled(made), table(heads, rows)]) + "\n"
