@@ -275,6 +275,30 @@ def test_a_policy_of_other_games_keeps_what_it_sees_and_is_less_sure_of_what_to_
     now.load(other)
 
 
+OWN_NETWORK = """
+from torch import nn
+
+class Seen(nn.Module):
+    def __init__(self, shapes):
+        super().__init__()
+        frames, numbers = shapes["numbers"]
+        self.convolutions = nn.ModuleDict({"all": nn.Linear(frames * numbers, 4)})
+
+    def forward(self, sensors):
+        return self.convolutions["all"](sensors["numbers"].flatten(1))
+"""
+
+
+def test_a_network_of_ones_own_keeps_its_parts_whatever_they_are_called(simulator, tmp_path, monkeypatch):
+    (tmp_path / "seen_parts.py").write_text(OWN_NETWORK)
+    monkeypatch.syspath_prepend(tmp_path)
+    config = make_config({"games": {"marble": {}}, "policy": {"network": "seen_parts:Seen"}})
+    before, now = (make_actors(config, make_lineup(simulator, config).spec)[0] for _ in range(2))
+    made = transferred(before, now)
+    assert {name for name in made if "convolutions" in name} and made.keys() == before.state().keys()
+    now.load(made)
+
+
 @pytest.mark.parametrize("shared_encoder", [True, False])
 def test_images_join_and_leave_with_their_games(shared_encoder, simulator):
     policy = {"frame_stack": 2, "hidden_sizes": [8], "image_encoder": "moments", "shared_encoder": shared_encoder}

@@ -31,9 +31,11 @@ def transferred(before: Actor, now: Actor, *, stays: bool = True) -> dict[str, A
     Arrays that cannot be brought into another form stay as they are, and `load` says what does not fit.
     """
     saved, fresh = before.state(), now.state()
-    made = _with_images(saved, fresh, [*before.encoder.images], [*now.encoder.images])
+    made, own = dict(saved), bool(before.config.network)  # what an own network takes and makes has no names
+    if not own:
+        made = _with_images(saved, fresh, [*before.encoder.images], [*now.encoder.images])
     for name, array in saved.items():
-        if name in ("actor.hidden.0.weight", "critic.hidden.0.weight"):
+        if name in ("actor.hidden.0.weight", "critic.hidden.0.weight") and not own:
             tower = ["actor", "critic"].index(name.partition(".")[0])
             keys = [_inputs(actor, tower, state[name].shape[1]) for actor, state in ((before, saved), (now, fresh))]
             made[name] = _placed(array.T, np.zeros_like(fresh[name].T), keys[0], keys[1]).T
