@@ -174,10 +174,11 @@ def test_a_hook_that_fails_when_the_program_ends_is_named(tmp_path):
 
 def test_a_hook_sees_the_program_when_it_has_ended(tmp_path):
     body = "n = 0\nfor n in range(12):\n    pygame.event.get()\n    pygame.mouse.get_pos()\n" + SHOW
-    asks = "def metrics(program): return {'n': program.n}\n"
+    asks = "from joybridge.adapters.hooks import look_up\n"
+    asks += "def metrics(program): return {'n': program.n, 'also': look_up('n')}\n"
     game = program(tmp_path, HEAD + body + "pygame.quit()\n", hook(tmp_path, asks))
     ended = [step for step in steps(game, 6) if len(step.ended)]
-    assert ended[0].metrics.tolist() == [[11.0]]
+    assert ended[0].metrics.tolist() == [[11.0, 11.0]]
 
 
 def test_an_infinite_variable_pays_nothing(tmp_path):

@@ -77,21 +77,20 @@ class DemonstrationLog:
         writer = copy(self._writer)  # what could not be written is not part of the checksum
         data = writer.encode(records)
         with storing(self._folder):
-            size = self.path.stat().st_size if self.path else 0
-            if size + len(data) > MAX_FILE_BYTES:
-                raise StorageError(
-                    f"{self.path or self._folder}: a demonstration has at most {MAX_FILE_BYTES:,} bytes, so recording "
-                    "ends; what came before can be used. Record fewer arenas or episodes at once, several times"
-                )
             self._write(data)
         self._writer = writer
 
     def _write(self, data: bytes) -> None:
-        """Write records whole or not at all, the first ones into a new file. Raises OSError."""
+        """Write records whole or not at all, the first ones into a new file. Raises OSError and StorageError."""
         if self.path is None:
             self.path = self._new_file(data)
             return
         whole = self.path.stat().st_size
+        if whole + len(data) > MAX_FILE_BYTES:
+            raise StorageError(
+                f"{self.path}: a demonstration has at most {MAX_FILE_BYTES:,} bytes, so recording ends; what came "
+                "before can be used. Record fewer arenas or episodes at once, several times"
+            )
         try:
             with self.path.open("ab") as file:  # buffered: it writes all, or raises
                 file.write(data)

@@ -111,7 +111,7 @@ def _read(folder: Path) -> Recorded:
     if first.start.game != first.spec.name:  # nothing else of a stranger's file says where a game is
         raise ConfigError(f"{own[0]} is of {first.start.game!r}, but shows {first.spec.name!r}; record it again")
     shown = [load_demonstration(file, first.spec) for file in files]
-    options = [dict(load_recording(file).start.options) for file in own]
+    options = [dict(one.start.options) for one in (first, *map(load_recording, own[1:]))]
     names = sorted({name for each in options for name in each})
     values = {name: {each.get(name) for each in options} for name in names}
     differ = [name for name in names if len(values[name]) > 1]

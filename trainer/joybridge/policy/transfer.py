@@ -5,8 +5,9 @@ first, so it plays the games that stay as before; what is new among the parts of
 that leave were black in the games that stay, and go on to count as if they still were. With `remember_acts`, a policy
 saw the parts that leave, too, so only joining changes nothing.
 
-If no game stays, the policy keeps what it sees, but how it values that begins untrained, and what it does is made less
-sure: buttons of the same name mean other things there, and one that is hardly ever pressed would not be tried again.
+If no game stays, the policy keeps what it sees. What it does is made less sure, and so are values that are rows of the
+same head; others begin untrained. For buttons of the same name mean other things there, and one that is hardly ever
+pressed would not be tried again.
 """
 
 from collections.abc import Hashable, Sequence

@@ -54,7 +54,7 @@ class Places:
             setattr(os, name, self._leading(getattr(os, name), "src", "dst"))
         builtins.open = io.open = self._leading(io.open, "file")
         sqlite3.connect = sqlite3.dbapi2.connect = self._leading(sqlite3.connect, "database")
-        pygame.image.load = self._leading(pygame.image.load, "filename")
+        pygame.image.load = self._leading(pygame.image.load, "file")
         save = pygame.image.save
 
         def save_image(surface: Any, filename: Any, *arguments: Any) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import sys
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -106,6 +107,7 @@ class Player:
             refused = self.stage.fences.refused
             why = f"; before that, {refused}" if refused else ""
             self.fail(f"the program ended before it had drawn a frame and asked for input{why}")
+        sys.modules["__main__"] = self.stage.score.program  # which runpy takes back when the program ends
         self._acts.clear()
         if self._asked:
             self._listen(None)  # the server takes no answer before it has sent what it was asked for

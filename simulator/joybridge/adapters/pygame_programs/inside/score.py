@@ -52,14 +52,14 @@ class Score:
             self._hook = {name: found[name] for name in FUNCTIONS if name in found}
             if not self._hook:
                 raise ValueError(f"{hook} has none of the functions {', '.join(FUNCTIONS)}")
-        self._program = sys.modules["__main__"]
+        self.program: Any = None  # its main module, from the first look on
         self._earned = dict.fromkeys(rewards, 0.0)
         self._totals: dict[str, float] = {}  # of the episode, by channel
         self._sizes: dict[str, Any] = {}
 
     def look(self) -> dict[str, Any]:
         """Return the channels, the number of states and the metrics, after a first look at the program."""
-        self._program = sys.modules["__main__"]  # which is another one once the program has ended
+        self.program = sys.modules["__main__"]
         if "reward" in self._hook:
             self._earned |= dict.fromkeys(self._hook_rewards(), 0.0)
         if not self._earned:
@@ -137,7 +137,7 @@ class Score:
         return {name: _finite(f"reward {name}", value) for name, value in rewards.items()}
 
     def _call(self, name: str, default: Any) -> Any:
-        return self._hook[name](self._program) if name in self._hook else default
+        return self._hook[name](self.program) if name in self._hook else default
 
 
 def _finite(what: str, value: Any) -> float:
