@@ -1,13 +1,14 @@
 """What `joybridge compare` refuses before it trains, and what it warns of."""
 
 from argparse import Namespace
+from contextlib import nullcontext
 
 import pytest
 
 from joybridge.compare import command
 from joybridge.compare.compare import remarks
 from joybridge.compare.launch import check_metric, too_short_for_scores
-from joybridge.compare.peer_arguments import keep_peer_arguments
+from joybridge.compare.peer_arguments import keep_peer_arguments, peer_arguments
 from joybridge.compare.tested import check_test
 from joybridge.compare.variants import (
     Variant,
@@ -42,10 +43,11 @@ def test_what_another_trainer_has_trained_plays_no_test():
             ["--deterministic"],
             "--episodes and --deterministic are for a test; say what is tested with --test or --over",
         ),
+        (["--ppo", '{"gamma": 0.9}'], "--ppo has arguments of another PPO; name that with --beside"),
         (["--search", "policy.epochs=1..8", "--test"], "--test is for a comparison of one configuration; compare what"),
     ],
 )
-def test_options_of_a_test_are_for_a_comparison(words, message, capsys):
+def test_options_that_mean_nothing_without_others_are_refused(words, message, capsys):
     with pytest.raises(SystemExit):
         command.parse(["compare", "archer/hybrid", "--output", "x", *words], "joybridge")
     assert message in capsys.readouterr().err
@@ -169,17 +171,25 @@ def test_a_layout_that_cannot_play_the_game_is_refused_before_anything_is_traine
 
 
 def test_other_arguments_of_another_trainer_are_another_comparison(tmp_path):
-    def given(ppo, beside=True):
+    def given(ppo, beside="sb3"):
         return Namespace(output=tmp_path, ppo=ppo, beside=beside)
 
-    keep_peer_arguments(given('{"gamma": 0.9}'))
-    keep_peer_arguments(given('{"gamma":0.9}'))
+    keep_peer_arguments(peer_arguments(given('{"gamma": 0.9}')), tmp_path)
+    assert peer_arguments(given('{"gamma":0.9}')) == {"gamma": 0.9}
     with pytest.raises(ConfigError, match=r'holds runs with --ppo {"gamma": 0.9}, not {}; repeat'):
-        keep_peer_arguments(given("{}"))
-    keep_peer_arguments(given("{}", beside=False))
+        peer_arguments(given("{}"))
+    assert peer_arguments(given("{}", beside="")) == {}
     for text in ("{bad", "[1]"):
         with pytest.raises(ConfigError, match=r"--ppo got .*, expected a JSON object"):
-            keep_peer_arguments(given(text))
+            peer_arguments(given(text))
+
+
+@pytest.mark.parametrize(("kept", "refused"), [("a", False), ("a-Stable-Baselines3", True)])
+def test_arguments_of_another_trainer_may_be_given_if_it_has_not_trained_in_the_folder(kept, refused, tmp_path):
+    (tmp_path / "variants.json").write_text(f'{{"{kept}": {{"config": {{"game": "archer"}}, "spec": {{}}}}}}')
+    given = Namespace(output=tmp_path, ppo='{"gamma": 0.9}', beside="sb3")
+    with pytest.raises(ConfigError, match=r"holds runs with --ppo \{\}") if refused else nullcontext():
+        assert peer_arguments(given) == {"gamma": 0.9}
 
 
 def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():
@@ -192,3 +202,9 @@ def test_runs_in_whose_last_tenth_few_long_episodes_end_are_warned_of():
     assert "episodes that end in the last 1,599 of 15,999 timesteps, and an episode of 100 decisions" in said(15_999)
     assert "in each of 8 arenas takes 1,600: train for longer, or add --test" in said(15_999)
     assert not said(16_000) and not said(100, "held_out_reward") and not said(100, "entropy")
+
+
+def test_keys_with_capitals_and_digits_are_keys_behind_layouts():
+    words = ["--layouts", "hybrid", "options.Level2=3", "--pairs", "layout", "games.my-game1.share=2"]
+    options = command.parse(["compare", "archer/hybrid", "--output", "x", *words], "joybridge")
+    assert options.layouts == ["hybrid"] and options.overrides == ["options.Level2=3", "games.my-game1.share=2"]

@@ -25,6 +25,7 @@ pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("signals")]
     [
         (["--layouts", "hybrid"], "--layouts is not for a search; write what varies as --search KEY=VALUE,VALUE"),
         (["--seeds", "3"], "--seeds is not for a search"),
+        (["--beside", "sb3"], "--beside is not for a search"),
         (["--score", "0"], "--score is not for a search"),
         (["--also", "x.yaml"], "--also is not for a search"),
         (

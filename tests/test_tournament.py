@@ -156,6 +156,15 @@ def test_every_player_is_dealt_in_equally_often_and_in_every_seat():
     pairs = Counter(tuple(sorted(pair)) for seats in dealt for pair in combinations(seats.tolist(), 2))
     assert len(pairs) == 10 and min(pairs.values()) > 250  # 300 each
     assert sorted(deal(2, 5, 7, 0, 0).tolist()) in ([0, 0, 0, 1, 1], [0, 0, 1, 1, 1])
+    assert len({tuple(deal(5, 3, 2**64 - 1, arena, 0).tolist()) for arena in range(20)}) > 10
+
+
+def test_settings_may_stand_between_runs_and_options(tmp_path, capsys):
+    assert main(["rate", str(tmp_path / "run"), "options.level=2"]) == 1
+    assert f"{tmp_path / 'run'} is not the folder of a run" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["rate", "options.level=2"])
+    assert "options.level=2 is a setting; name the folder of a run before it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from joybridge.play.sweep import read_sweep
 
 SEEDS = 5
 TRIALS = 30
-OVERRIDE = re.compile(r"[a-z_.]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
+OVERRIDE = re.compile(r"[\w.-]+=")  # not a mixture of layouts, as in "hybrid, angle=bucket-5"
 
 
 def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int:
@@ -189,6 +189,8 @@ def _check_what_varies(parser: argparse.ArgumentParser, options: argparse.Namesp
         parser.error("--search, --also and --beside are for one configuration, not for a suite")
     if options.suite and options.metric != "reward":
         parser.error("--metric is for one configuration; each task of a suite has its own")
+    if options.ppo != "{}" and not (options.suite or options.beside):
+        parser.error("--ppo has arguments of another PPO; name that with --beside")
     if options.tasks and not options.suite:
         parser.error("--tasks are those of a suite; name it with --suite")
 
@@ -201,7 +203,7 @@ def _check_search(parser: argparse.ArgumentParser, options: argparse.Namespace) 
     options.search = [word for word in options.search if word not in fixed]
     options.overrides += fixed
     if options.search:
-        for name in ("layouts", "set", "change", "pairs", "also", "seeds", "first_seed", "score"):
+        for name in ("layouts", "set", "change", "pairs", "also", "seeds", "first_seed", "score", "beside"):
             if getattr(options, name) not in ([], None):
                 parser.error(
                     f"--{name.replace('_', '-')} is not for a search; write what varies as --search KEY=VALUE,VALUE"

@@ -37,7 +37,7 @@ from joybridge.compare.page import few_episodes, final_scores, write_page
 from joybridge.compare.page_numbers import Setting
 from joybridge.compare.page_parts import escaped
 from joybridge.compare.page_settings import settings_block
-from joybridge.compare.peer_arguments import keep_peer_arguments
+from joybridge.compare.peer_arguments import keep_peer_arguments, peer_arguments
 from joybridge.compare.scores import Run, score_run
 from joybridge.compare.table import TABLE, Results, read_table
 from joybridge.compare.tested import check_test, test_marks, test_runs, test_words
@@ -89,11 +89,12 @@ def compare(options: argparse.Namespace) -> int:
     for variant in variants:
         check_length(variant.config)
         check_unchanged(variant, options.output)
+    arguments = peer_arguments(options)  # before these variants are kept
     specs = find_specs(variants, options)
     for variant, spec in zip(variants, specs, strict=True):
         check_metric(variant, spec, options.metric, options.behavior)
     with locked(options.output, option="--output"):
-        keep_peer_arguments(options)
+        keep_peer_arguments(arguments, options.output)
         check_test(variants, specs, options)
         return compare_variants(variants, specs, options)
 

@@ -119,9 +119,10 @@ class PeerJob(Job):
     def finished(self) -> bool:
         """Return whether the run has ended with the configuration as it is now."""
         try:
-            return run_config(self.run) == load_config(self.config, self.settings())
+            before, now = run_config(self.run), load_config(self.config, self.settings())
         except ConfigError:
             return False
+        return before.stop_at == now.stop_at and not changes(before, now)
 
     def prepare(self) -> None:
         """Do nothing: nothing is left that could be resumed, or that another process could still be writing."""

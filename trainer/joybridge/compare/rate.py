@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     parser, rates = command_parser(
         prog, "rate", "Let policies of runs play each other in a tournament, and write a page with their ratings."
     )
-    rates.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folders of runs of one game")
+    rates.add_argument("runs", nargs="+", metavar="RUN", help="folders of runs of one game")
     rates.add_argument(
         "--policies",
         type=at_least(1),
@@ -75,6 +75,12 @@ def main(arguments: Sequence[str] | None = None, prog: str = "joybridge") -> int
     add_trust_option(rates)
     add_overrides(rates, "options and parameters of the game that differ from the training of the first run")
     options = parse_overrides(parser, arguments)
+    # All words in front of an option are runs to argparse.
+    settings = [word for word in options.runs if "=" in word and not Path(word).exists()]
+    options.runs = [Path(word) for word in options.runs if word not in settings]
+    options.overrides = [*settings, *options.overrides]
+    if not options.runs:
+        parser.error(f"{settings[0]} is a setting; name the folder of a run before it")
     check_simulator_options(parser, options)
     return run_command(rate_runs, options)
 

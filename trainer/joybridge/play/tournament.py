@@ -63,6 +63,8 @@ def play_tournament(
 
 def deal(players: int, seats: int, seed: int, arena: int, match: int) -> Array:
     """Return who holds which seat of a match, [seats]: all players equally often, no one twice if there are enough."""
-    rng = np.random.Generator(np.random.Philox(key=[seed, DEALS + arena], counter=[0, 0, 0, match]))
+    rng = np.random.Generator(
+        np.random.Philox(key=np.array([seed, DEALS + arena], np.uint64), counter=[0, 0, 0, match])
+    )
     decks = [rng.permutation(players) for _ in range(-(-seats // players))]
     return rng.permutation(np.concatenate(decks)[:seats])

@@ -30,7 +30,7 @@ SAMPLES, SHUFFLES, DEMONSTRATIONS, SHARES = range(4)  # what random numbers are 
 
 def random_numbers(seed: int, updates: int, purpose: int) -> np.random.Generator:
     """Return the generator of a policy's rollout, after so many updates, for one purpose."""
-    return np.random.Generator(np.random.Philox(key=[seed, updates], counter=[0, 0, 0, purpose]))
+    return np.random.Generator(np.random.Philox(key=np.array([seed, updates], np.uint64), counter=[0, 0, 0, purpose]))
 
 
 class Policy:

@@ -105,7 +105,9 @@ class League:
     def draw(self, arena: int) -> Array:
         """Return who holds the seats of the next match of an arena, [seats]."""
         rng = np.random.Generator(
-            np.random.Philox(key=[self._config.seed, DRAWS + arena], counter=[0, 0, 0, self._matches[arena]])
+            np.random.Philox(
+                key=np.array([self._config.seed, DRAWS + arena], np.uint64), counter=[0, 0, 0, self._matches[arena]]
+            )
         )
         self._matches[arena] += 1
         chances = self._chances()
@@ -149,7 +151,9 @@ class League:
             return
         self._grow(timesteps, actors)
         weights = sampling_weights([self._ahead(number) for number in self._pool], self._keys.sampling)
-        rng = np.random.Generator(np.random.Philox(key=[self._config.seed, ROSTERS], counter=[0, 0, 0, updates]))
+        rng = np.random.Generator(
+            np.random.Philox(key=np.array([self._config.seed, ROSTERS], np.uint64), counter=[0, 0, 0, updates])
+        )
         self._roster = rng.choice([*self._pool], self._keys.at_once, p=weights).tolist()
 
     def _grow(self, timesteps: int, actors: Sequence[Actor]) -> None:
