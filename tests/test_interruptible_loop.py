@@ -12,7 +12,7 @@ import pytest
 
 from joybridge.client import interruptible_loop
 from joybridge.client.interruptible_loop import EventLoop
-from joybridge.client.signals import keeping_interrupts, uninterrupted, wait_for_interrupt
+from joybridge.client.signals import uninterrupted, wait_for_interrupt
 from tests.support.instructions import run_with
 
 OURS = (interruptible_loop,)
@@ -274,18 +274,3 @@ def test_a_wait_ends_by_a_signal_that_another_thread_receives():
     finally:
         other.join()
         signal.signal(signal.SIGINT, handler)
-
-
-@pytest.mark.parametrize(("failed", "raised"), [(RuntimeError, KeyboardInterrupt), (OSError, OSError)])
-def test_an_interrupt_that_a_compiler_loses_is_raised_in_place_of_the_error_that_follows(failed, raised, loop):
-    def compile_and_fail() -> None:
-        interrupt_and_discard_exceptions()
-        raise failed
-
-    with pytest.raises(raised), keeping_interrupts():
-        compile_and_fail()
-    with pytest.raises(RuntimeError), keeping_interrupts():
-        raise RuntimeError
-    with pytest.raises(KeyboardInterrupt), keeping_interrupts():
-        interrupt()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

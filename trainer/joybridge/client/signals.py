@@ -8,13 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = [
-    "interrupt_on_signals",
-    "keeping_interrupts",
-    "leaving_on_signals",
-    "uninterrupted",
-    "wait_for_interrupt",
-]
+__all__ = ["interrupt_on_signals", "leaving_on_signals", "uninterrupted", "wait_for_interrupt"]
 
 POLL_SECONDS = 0.1  # of a wait that a signal may not end: Python handles signals in the main thread, between two steps
 _SIGNALS = [signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
@@ -49,29 +43,6 @@ def leaving_on_signals() -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-
-
-@contextmanager
-def keeping_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt if the block ends with a RuntimeError after SIGINT came. For the main thread.
-
-    Numba loses what is raised in a callback of its compiler, and then misses the result of the callback.
-    """
-    came: list[int] = []
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        came.append(number)
-        signal.default_int_handler(number, frame)
-
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield
-    except RuntimeError as error:
-        if came:
-            raise KeyboardInterrupt from error
-        raise
-    finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from joybridge.client.command_line import (
 )
 from joybridge.client.errors import SimulatorError, SimulatorLost
 from joybridge.client.run_command import run_command
-from joybridge.client.signals import keeping_interrupts, leaving_on_signals
+from joybridge.client.signals import leaving_on_signals
 from joybridge.client.simulator_source import (
     Remembered,
     SimulatorSource,
@@ -169,7 +169,6 @@ def _train(options: argparse.Namespace) -> None:
         over = Event()
         try:
             with (
-                keeping_interrupts(),
                 _noting_sources(run, simulators.games, config),
                 Display(heading, config.layout, config.end, begin) as display,
                 announcing(display.say),
