@@ -65,6 +65,7 @@ def found(seeds: Sequence[str], fewer: Sequence[str]) -> Numbers:
     league, hybrid = runs[LEAGUE], runs[SAMPLINGS[0]]
     quarters = [quarter(run) for run in league]
     return {
+        "seeds": list(seeds),
         "scripts": [against(run, *SCRIPTS) for run in league],
         "quarter": [against(run, f"{run}@{timesteps}") for run, timesteps in zip(league, quarters, strict=True)],
         "quarters": quarters,
@@ -155,7 +156,7 @@ def _league(numbers: Numbers) -> str:
     rows.append([f"ahead of the first {EARLY} in the pool", *map(_ahead, growth)])
     rows.append([f"of {GROWTH} policies, rated higher than the one before", *(_neighbors(each, 1) for each in growth)])
     rows.append(["lower, beyond the intervals", *(_neighbors(each, -1) for each in growth)])
-    return table(["", *(f"seed {seed}" for seed in range(len(growth)))], rows)
+    return table(["", *(f"seed {seed[1:]}" for seed in numbers["seeds"])], rows)
 
 
 def _ahead(tournament: Numbers) -> str:
